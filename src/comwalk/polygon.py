@@ -1,0 +1,104 @@
+"""Flat convex polygons: the soles and their hull, on which the ZMP must stay.
+
+Every polygon is an array of vertices [m], shape (k, 2), counter-clockwise.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+
+def rectangle(x: float, y: float, yaw: float, size: tuple[float, float]) -> np.ndarray:
+    """Return the vertices of a turned rectangle, such as a sole.
+
+    Args:
+        x: Centre [m].
+        y: Centre [m].
+        yaw: Direction of its length [rad].
+        size: Length and width [m].
+
+    Returns:
+        Vertices [m], shape (4, 2), counter-clockwise, front left first.
+
+    Example:
+        >>> rectangle(0.0, 0.0, 0.0, (0.24, 0.13))[0].tolist()
+        [0.12, 0.065]
+    """
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    l, w = size[0] / 2, size[1] / 2  # noqa: E741
+    corners = ((l, w), (-l, w), (-l, -w), (l, -w))
+    return np.array(
+        [(x + cos * a - sin * b, y + sin * a + cos * b) for a, b in corners]
+    )
+
+
+def convex_hull(points: np.ndarray) -> np.ndarray:
+    """Return the convex hull of points in the plane (Andrew's monotone chain).
+
+    Args:
+        points: Points [m], shape (n, 2), n >= 1.
+
+    Returns:
+        Vertices [m], shape (k, 2), counter-clockwise from the lowest x, without points
+        on the edges; k is 1 or 2 if all points are equal or in one line.
+
+    Example:
+        >>> square = np.array([(0, 0), (2, 0), (1, 1), (2, 2), (0, 2)])
+        >>> convex_hull(square).tolist()
+        [[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]
+    """
+    ordered = sorted({(float(x), float(y)) for x, y in points})
+    if len(ordered) == 1:
+        return np.array(ordered)
+    lower, upper = _chain(ordered), _chain(ordered[::-1])
+    return np.array(lower[:-1] + upper[:-1])
+
+
+def _chain(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
+    """Return the part of the hull on the right of the way through sorted points."""
+    chain: list[tuple[float, float]] = []
+    for x, y in points:
+        while len(chain) > 1:
+            (x_0, y_0), (x_1, y_1) = chain[-2], chain[-1]
+            if (x_1 - x_0) * (y - y_0) - (y_1 - y_0) * (x - x_0) > 0.0:
+                break
+            chain.pop()
+        chain.append((x, y))
+    return chain
+
+
+def polygon_margin(polygon: np.ndarray, point: np.ndarray | Sequence[float]) -> float:
+    """Return how deep a point lies inside a convex polygon.
+
+    Args:
+        polygon: Vertices [m], shape (k, 2), counter-clockwise, k >= 1.
+        point: The point [m], shape (2,).
+
+    Returns:
+        The distance to the nearest edge [m]: positive inside, zero on the edge,
+        negative outside. A polygon of one or two vertices has no inside.
+
+    Example:
+        >>> sole = rectangle(0.0, 0.0, 0.0, (0.2, 0.12))
+        >>> round(polygon_margin(sole, np.array([0.05, 0.0])), 6)
+        0.05
+        >>> round(polygon_margin(sole, np.array([0.13, 0.10])), 6)
+        -0.05
+    """
+    x, y = float(point[0]), float(point[1])
+    vertices = polygon.tolist() if isinstance(polygon, np.ndarray) else polygon
+    inside = len(vertices) > 2
+    nearest = math.inf
+    x_0, y_0 = vertices[-1]
+    for x_1, y_1 in vertices:
+        dx, dy, px, py = x_1 - x_0, y_1 - y_0, x - x_0, y - y_0
+        length_2 = dx * dx + dy * dy
+        s = (px * dx + py * dy) / length_2 if length_2 > 0.0 else 0.0
+        s = 0.0 if s < 0.0 else 1.0 if s > 1.0 else s
+        nearest = min(nearest, math.hypot(px - s * dx, py - s * dy))
+        inside = inside and dx * py - dy * px >= 0.0
+        x_0, y_0 = x_1, y_1
+    return nearest if inside else -nearest

@@ -1,0 +1,490 @@
+"""A robot: its limbs, soles, limits and servos, read from an MJCF, Eq. (14), (21).
+
+Frames are found by their REP-120 names (`l_sole`, `r_gripper`, `gaze`, ...), limbs by
+the tree between them and the floating base. `Kinematics` turns a configuration into
+a `Posture` with MuJoCo's kinematics in C.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable
+from dataclasses import dataclass
+from importlib import resources
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from .errors import ModelError, checked_number, nearest
+from .footsteps import Side
+from .polygon import convex_hull
+from .resolution import Limb, Posture
+
+BUILTIN_ROBOTS = {"paper": "the paper's humanoid: 67.68 kg, CoM at 0.687 m, 28 joints"}
+"""Names of the robots that come with comwalk, and what they are."""
+
+LEGS = {Side.LEFT: "left_leg", Side.RIGHT: "right_leg"}
+"""Names of the two legs among a robot's limbs."""
+
+# Limb, and the REP-120 frames (sites) that may mark its end, best first.
+_ENDS = {
+    "left_leg": ("l_sole",),
+    "right_leg": ("r_sole",),
+    "left_arm": ("l_gripper", "l_wrist"),
+    "right_arm": ("r_gripper", "r_wrist"),
+    "head": ("gaze",),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Foot:
+    """One foot: its sole on the ground and its ankle sensor."""
+
+    sole: np.ndarray
+    """Corners of the sole [m] about its centre, counter-clockwise, of shape (k, 2)."""
+    site: int
+    """Site at the sole's centre: x forward, z up, on the contact surface."""
+    sensor_site: int
+    """Site of the ankle's force/torque sensor."""
+    mass: float
+    """Mass below the sensor [kg]."""
+    com: np.ndarray
+    """CoM of that mass [m], in the frame of the sensor's site, of shape (3,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Servo:
+    """Joint position servos: torque = stiffness (q_set - q) - damping dq."""
+
+    stiffness: np.ndarray
+    """Position gain [N m/rad], of shape (joints,)."""
+    damping: np.ndarray
+    """Velocity gain, with the joint's own damping [N m s/rad], of shape (joints,)."""
+    actuators: np.ndarray
+    """Actuator of each joint, of shape (joints,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A humanoid as the controller knows it. Made by `load_robot`."""
+
+    name: str
+    """Name, for tables and folders."""
+    spec: mujoco.MjSpec
+    """The editable model, without floor or light."""
+    model: mujoco.MjModel
+    """The compiled model that kinematics run on."""
+    joints: tuple[str, ...]
+    """Names of the joints, in the order of qdot."""
+    limbs: tuple[Limb, ...]
+    """Legs, torso, arms, head: parents before children."""
+    ends: tuple[int, ...]
+    """Site at the end of each limb, -1 if none is marked."""
+    feet: dict[Side, Foot]
+    """The feet."""
+    servo: Servo
+    """The position servos."""
+    lower: np.ndarray
+    """Lower joint limits [rad], of shape (joints,)."""
+    upper: np.ndarray
+    """Upper joint limits [rad], of shape (joints,)."""
+    speed: np.ndarray
+    """Speed limits [rad/s], inf where the model gives none, of shape (joints,)."""
+    torque: np.ndarray
+    """Torque limits [N m], inf where the model gives none, of shape (joints,)."""
+    home: np.ndarray
+    """Configuration in the walking posture, MuJoCo's qpos, of shape (7 + joints,)."""
+
+    @property
+    def mass(self) -> float:
+        """Total mass [kg]."""
+        return float(self.model.body_subtreemass[self.base_body])
+
+    @property
+    def base_body(self) -> int:
+        """Body of the body center, the one with the free joint."""
+        return int(self.model.jnt_bodyid[0])
+
+    @property
+    def upper_body(self) -> tuple[str, ...]:
+        """Names of the joints outside the legs: those that may dance."""
+        legs = {j for limb in self.limbs for j in limb.joints if "leg" in limb.name}
+        return tuple(n for j, n in enumerate(self.joints) if j not in legs)
+
+
+def load_robot(source: str | Path = "paper", *, stiffness: float = 1.0) -> Robot:
+    """Load a robot by name or from an MJCF file.
+
+    Args:
+        source: Name of a built-in robot, or path of an MJCF file with REP-120 frames.
+        stiffness: Factor on the servos' position and velocity gains, in (0, 100].
+
+    Returns:
+        The robot.
+
+    Raises:
+        ModelError: If the name is unknown, the file is missing or broken, or it
+            lacks a frame, joint or actuator that walking needs.
+        ParameterError: If the stiffness is out of range.
+    """
+    factor = checked_number(
+        "stiffness", stiffness, low=0, high=100, open_low=True, hint="1 is the default"
+    )
+    name, path = _find(str(source))
+    spec = _read(path)
+    for actuator in spec.actuators:
+        actuator.gainprm[0] *= factor
+        actuator.biasprm[1] *= factor
+        actuator.biasprm[2] *= factor
+    _add_sole_centres(spec, path)
+    model = _compile(spec, path)
+    joints = tuple(model.joint(i).name for i in range(1, model.njnt))
+    limbs, ends = _find_limbs(model, path)
+    servo = _read_servo(model, joints, path)
+    ranges = np.where(
+        model.jnt_limited[1:, None] > 0, model.jnt_range[1:], [[-np.inf, np.inf]]
+    )
+    return Robot(
+        name=name,
+        spec=spec,
+        model=model,
+        joints=joints,
+        limbs=limbs,
+        ends=ends,
+        feet={side: _read_foot(model, side) for side in Side},
+        servo=servo,
+        lower=ranges[:, 0],
+        upper=ranges[:, 1],
+        speed=_speed_limits(model),
+        torque=_torque_limits(model, servo),
+        home=_home(model, path),
+    )
+
+
+def _find(source: str) -> tuple[str, Path]:
+    """Return the name and the file of a robot."""
+    if source in BUILTIN_ROBOTS:
+        return source, Path(str(resources.files(__package__) / f"robots/{source}.xml"))
+    path = Path(source)
+    if path.suffix.lower() in (".xml", ".mjcf", ".urdf") or "/" in source:
+        if not path.is_file():
+            raise ModelError(f"robot file {source} does not exist")
+        return path.stem, path
+    raise ModelError(
+        f'unknown robot "{source}"; {nearest(source, BUILTIN_ROBOTS)} '
+        "A model of your own is given by its path, such as ./my_robot.xml"
+    )
+
+
+def _one_line(error: Exception) -> str:
+    """Return an error's text on one line."""
+    return " ".join(str(error).split())
+
+
+def _read(path: Path) -> mujoco.MjSpec:
+    """Parse an MJCF file."""
+    try:
+        spec = mujoco.MjSpec.from_file(str(path))
+    except (ValueError, mujoco.FatalError, UnicodeDecodeError, OSError) as error:
+        raise ModelError(f"{path} is not a readable MJCF: {_one_line(error)}") from None
+    names = {site.name for site in spec.sites}
+    for site in ("l_sole", "r_sole"):
+        if site not in names:
+            raise ModelError(
+                f'{path} has no site "{site}": mark each sole by a site named after '
+                "REP-120, x forward, z up, on the contact surface"
+            )
+    return spec
+
+
+def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
+    """Compile a model, and check that it has a floating base and plain joints."""
+    try:
+        model = spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"{path} does not compile: {_one_line(error)}") from None
+    types = model.jnt_type
+    if model.njnt == 0 or types[0] != int(mujoco.mjtJoint.mjJNT_FREE):
+        raise ModelError(
+            f"{path} has no free joint at its root: add <freejoint/> to the first body"
+        )
+    simple = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
+    for i in range(1, model.njnt):
+        if int(types[i]) not in simple:
+            raise ModelError(
+                f'{path}: joint "{model.joint(i).name}" is neither hinge nor slide'
+            )
+    return model
+
+
+def _add_sole_centres(spec: mujoco.MjSpec, path: Path) -> None:
+    """Add a site at the centre of each sole: there the plan puts the feet."""
+    model = _compile(spec, path)
+    for side in Side:
+        letter = side.value[0]
+        sole = model.site(f"{letter}_sole")
+        corners = _sole_corners(model, sole.id)
+        if len(corners) < 3:
+            raise ModelError(
+                f'{path}: the body of site "{letter}_sole" has no box that touches '
+                "the ground; give the foot a contact box"
+            )
+        centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+        R = np.empty(9)
+        mujoco.mju_quat2Mat(R, model.site_quat[sole.id])
+        body = next(s for s in spec.sites if s.name == f"{letter}_sole").parent
+        body.add_site(
+            name=f"{letter}_sole_centre",
+            pos=model.site_pos[sole.id] + R.reshape(3, 3) @ [*centre, 0.0],
+            quat=model.site_quat[sole.id],
+            group=4,
+        )
+
+
+def _sole_corners(model: mujoco.MjModel, site: int) -> np.ndarray:
+    """Return the corners of a foot's contact boxes in the plane of its sole site."""
+    R, corners = np.empty(9), []
+    mujoco.mju_quat2Mat(R, model.site_quat[site])
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+    for geom in range(model.ngeom):
+        collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
+        is_box = model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_BOX)
+        if model.geom_bodyid[geom] != model.site_bodyid[site] or not collides:
+            continue
+        if is_box:
+            G = np.empty(9)
+            mujoco.mju_quat2Mat(G, model.geom_quat[geom])
+            points = signs * model.geom_size[geom] @ G.reshape(3, 3).T
+            points = points + model.geom_pos[geom] - model.site_pos[site]
+            corners.append(points @ R.reshape(3, 3))
+    if not corners:
+        return np.zeros((0, 2))
+    points = np.vstack(corners)
+    lowest = points[:, 2] < points[:, 2].min() + 0.005
+    return convex_hull(points[lowest, :2])
+
+
+def _read_foot(model: mujoco.MjModel, side: Side) -> Foot:
+    """Return a foot from its sites."""
+    letter = side.value[0]
+    centre = model.site(f"{letter}_sole_centre").id
+    sole = model.site(f"{letter}_sole").id
+    names = [model.site(i).name for i in range(model.nsite)]
+    sensor_name = f"{letter}_ankle_ft"
+    sensor = names.index(sensor_name) if sensor_name in names else sole
+    body = int(model.site_bodyid[sensor])
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, model.site_quat[sensor])
+    corners = _sole_corners(model, sole)
+    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    return Foot(
+        sole=corners - middle,
+        site=centre,
+        sensor_site=sensor,
+        mass=float(model.body_mass[body]),
+        com=R.reshape(3, 3).T @ (model.body_ipos[body] - model.site_pos[sensor]),
+    )
+
+
+def _chain(model: mujoco.MjModel, body: int) -> list[int]:
+    """Return the joints between a body and the floating base, base first."""
+    chain: list[int] = []
+    while body != 0 and model.jnt_bodyid[0] != body:
+        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
+        chain = list(range(first, first + count)) + chain
+        body = int(model.body_parentid[body])
+    return [joint - 1 for joint in chain]
+
+
+def _find_limbs(
+    model: mujoco.MjModel, path: Path
+) -> tuple[tuple[Limb, ...], tuple[int, ...]]:
+    """Return the limbs and the sites of their ends.
+
+    Joints shared by arms or head make the torso, which carries them; what is in no
+    chain makes the limb "rest".
+    """
+    names = [model.site(i).name for i in range(model.nsite)]
+    chains: dict[str, list[int]] = {}
+    sites: dict[str, int] = {}
+    for limb, frames in _ENDS.items():
+        for frame in frames:
+            if frame in names:
+                sites[limb] = names.index(frame)
+                chains[limb] = _chain(model, int(model.site_bodyid[sites[limb]]))
+                break
+    for side, letter in ((Side.LEFT, "l"), (Side.RIGHT, "r")):
+        sites[LEGS[side]] = names.index(f"{letter}_sole_centre")
+        if len(chains[LEGS[side]]) == 0:
+            raise ModelError(f"{path}: no joint between the base and {letter}_sole")
+    upper = [chains[k] for k in chains if "leg" not in k]
+    shared = {j for c in upper for j in c if sum(j in other for other in upper) > 1}
+    limbs = [Limb(name=n, joints=tuple(chains[n])) for n in LEGS.values()]
+    ends = [sites[limb.name] for limb in limbs]
+    if shared:
+        limbs.append(Limb(name="torso", joints=tuple(sorted(shared))))
+        ends.append(names.index("torso") if "torso" in names else -1)
+    for name in chains:
+        if "leg" not in name:
+            own = tuple(j for j in chains[name] if j not in shared)
+            parent = "torso" if shared & set(chains[name]) else None
+            limbs.append(Limb(name=name, joints=own, parent=parent))
+            ends.append(sites[name])
+    used = {j for limb in limbs for j in limb.joints}
+    rest = tuple(j for j in range(model.njnt - 1) if j not in used)
+    if rest:
+        limbs.append(Limb(name="rest", joints=rest))
+        ends.append(-1)
+    return tuple(limbs), tuple(ends)
+
+
+def _read_servo(model: mujoco.MjModel, joints: Iterable[str], path: Path) -> Servo:
+    """Return the position servo of each joint."""
+    actuators = []
+    for i, name in enumerate(joints, start=1):
+        driving = [
+            a
+            for a in range(model.nu)
+            if model.actuator_trnid[a, 0] == i
+            and model.actuator_trntype[a] == int(mujoco.mjtTrn.mjTRN_JOINT)
+            and model.actuator_biasprm[a, 1] < 0
+        ]
+        if len(driving) != 1:
+            raise ModelError(
+                f'{path}: joint "{name}" has {len(driving)} position actuators; '
+                f'add <position joint="{name}" kp="..." kv="..."/>'
+            )
+        actuators.append(driving[0])
+    index = np.array(actuators)
+    return Servo(
+        stiffness=model.actuator_gainprm[index, 0].copy(),
+        damping=-model.actuator_biasprm[index, 2] + model.dof_damping[6:],
+        actuators=index,
+    )
+
+
+def _speed_limits(model: mujoco.MjModel) -> np.ndarray:
+    """Return speed limits: the first user value of each joint, if it has any."""
+    if model.nuser_jnt == 0:
+        return np.full(model.njnt - 1, np.inf)
+    limits = model.jnt_user[1:, 0]
+    return np.where(limits > 0, limits, np.inf)
+
+
+def _torque_limits(model: mujoco.MjModel, servo: Servo) -> np.ndarray:
+    """Return torque limits of the actuators."""
+    limited = model.actuator_forcelimited[servo.actuators] > 0
+    return np.where(limited, model.actuator_forcerange[servo.actuators, 1], np.inf)
+
+
+def _home(model: mujoco.MjModel, path: Path) -> np.ndarray:
+    """Return the configuration of the keyframe "walk", or of the first one."""
+    names = [model.key(i).name for i in range(model.nkey)]
+    if not names:
+        raise ModelError(
+            f'{path} has no keyframe: add <key name="walk" qpos="..."/> with bent knees'
+        )
+    return model.key_qpos[names.index("walk") if "walk" in names else 0].copy()
+
+
+class Kinematics:
+    """Turns configurations of one robot into postures. Final.
+
+    It owns the workspace (MuJoCo's `mjData`) that it computes in.
+    """
+
+    def __init__(self, robot: Robot, limbs: Iterable[str] | None = None) -> None:
+        """Allocate the workspace.
+
+        Args:
+            robot: The robot.
+            limbs: Names of the limbs whose Jacobians are wanted, which saves time;
+                all if None. The others' stay zero.
+        """
+        self.robot = robot
+        self.data = mujoco.MjData(robot.model)
+        self._accelerating = copy.copy(robot.model)  # its gravity is changed
+        self._felt = self._accelerating.opt.gravity
+        self._gravity = self._felt.copy()
+        self._root = robot.base_body
+        wanted = {x.name for x in robot.limbs} if limbs is None else set(limbs)
+        self._sites = [
+            (3 + 6 * i, site)
+            for i, (limb, site) in enumerate(zip(robot.limbs, robot.ends, strict=True))
+            if site >= 0 and limb.name in wanted
+        ]
+        self._ends = np.maximum(robot.ends, 0)
+        self._shape = (3 + 6 * len(robot.ends), robot.model.nv)
+
+    def update(self, q: np.ndarray) -> None:
+        """Compute positions of all bodies and the CoM, no Jacobians.
+
+        Args:
+            q: Configuration: base position [m], quaternion wxyz, joint angles [rad],
+                of shape (7 + joints,).
+        """
+        self.data.qpos[:] = q
+        mujoco.mj_kinematics(self.robot.model, self.data)
+        mujoco.mj_comPos(self.robot.model, self.data)
+
+    def posture(self, q: np.ndarray) -> Posture:
+        """Return the posture at a configuration, with all Jacobians, Eq. (14), (21).
+
+        Args:
+            q: Configuration: base position [m], quaternion wxyz, joint angles [rad],
+                of shape (7 + joints,).
+
+        Returns:
+            The posture. Ends that no site marks have a zero Jacobian.
+        """
+        self.update(q)
+        m, d, J = self.robot.model, self.data, np.zeros(self._shape)
+        mujoco.mj_jacSubtreeCom(m, d, J[:3], self._root)
+        for k, site in self._sites:
+            mujoco.mj_jacSite(m, d, J[k : k + 3], J[k + 3 : k + 6], site)
+        R_o = d.xmat[self._root].reshape(3, 3).copy()
+        J[:, 3:6] = J[:, 3:6] @ R_o.T  # MuJoCo's base rates are in body axes
+        return Posture(
+            position=d.xpos[self._root].copy(),
+            rotation=R_o,
+            com=d.subtree_com[self._root].copy(),
+            ends=d.site_xpos.take(self._ends, axis=0),
+            end_rotations=d.site_xmat.take(self._ends, axis=0).reshape(-1, 3, 3),
+            jacobian=J,
+        )
+
+    def integrate(self, q: np.ndarray, velocity: np.ndarray, dt: float) -> np.ndarray:
+        """Return the configuration after a velocity for a time.
+
+        Args:
+            q: Configuration, of shape (7 + joints,).
+            velocity: v = [xdot_o; qdot] [m/s, rad/s], world axes.
+            dt: Duration [s].
+
+        Returns:
+            The new configuration, of shape (7 + joints,).
+        """
+        local, result = velocity.copy(), q.copy()
+        R_o = np.empty(9)
+        mujoco.mju_quat2Mat(R_o, q[3:7])
+        local[3:6] = velocity[3:6] @ R_o.reshape(3, 3)
+        mujoco.mj_integratePos(self.robot.model, result, local, dt)
+        return result
+
+    def holding_forces(self, com_acceleration: np.ndarray) -> np.ndarray:
+        """Return the generalised forces that carry the body, ground forces excluded.
+
+        They belong to the configuration of the last `update` or `posture`. The whole
+        body is taken to accelerate like its CoM, as the simplified model (1)-(3) does.
+
+        Args:
+            com_acceleration: CoM acceleration [m/s^2], world, of shape (3,).
+
+        Returns:
+            Forces [N, N m] in MuJoCo's coordinates, of shape (6 + joints,).
+        """
+        forces = np.empty(self._shape[1])
+        np.subtract(self._gravity, com_acceleration, out=self._felt)
+        mujoco.mj_rne(self._accelerating, self.data, 0, forces)
+        return forces

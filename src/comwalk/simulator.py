@@ -1,0 +1,311 @@
+"""The robot in MuJoCo, as a plant: sensors out, joint set-points in.
+
+The controller gets what a robot has: encoders, ankle wrenches, an IMU. What only a
+simulator knows (`truth`) goes to the log alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import mujoco
+import numpy as np
+
+from .errors import ModelError, ParameterError, checked_number
+from .footsteps import Side
+from .plant import Command, Sensors
+from .robot import Robot
+
+
+@dataclass(frozen=True, kw_only=True)
+class Push:
+    """A force on the trunk for a while."""
+
+    start: float
+    """When it begins [s]."""
+    force: tuple[float, float, float]
+    """Force [N], world."""
+    duration: float = 0.1
+    """How long it lasts [s]."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ParameterError: If a value is not finite or a time is negative.
+        """
+        checked_number("push start", self.start, unit="s", low=0)
+        checked_number("push duration", self.duration, unit="s", low=0, open_low=True)
+        if len(self.force) != 3:
+            raise ParameterError(f"push force needs x,y,z in N, got {self.force}")
+        for value in self.force:
+            checked_number("push force", value, unit="N", low=-1e5, high=1e5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatorSettings:
+    """Physics of the simulated robot."""
+
+    timestep: float = 0.001
+    """Physics step [s], in [1e-4, 0.005]."""
+    friction: float = 1.0
+    """Sliding friction of the floor [-], in [0, 10]."""
+    noise: float = 0.0
+    """Sensor noise, as a factor on 1e-4 rad (encoders), 5 N and 0.2 N m (ankle
+    sensors), in [0, 100]."""
+    pushes: tuple[Push, ...] = field(default=())
+    """Forces on the trunk."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ParameterError: If a value is out of range.
+        """
+        checked_number(
+            "simulator.timestep", self.timestep, unit="s", low=1e-4, high=0.005
+        )
+        checked_number("simulator.friction", self.friction, low=0, high=10)
+        checked_number("simulator.noise", self.noise, low=0, high=100)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """What only the simulator knows; for the log, never for the controller."""
+
+    com: np.ndarray
+    """CoM [m], world, of shape (3,)."""
+    zmp: np.ndarray
+    """Centre of pressure of the ground contacts [m], nan in the air, of shape (2,)."""
+    loads: tuple[float, float]
+    """Vertical ground force on the left and the right foot [N]."""
+    saturated: bool
+    """Whether any servo is at its torque limit."""
+
+
+class SimulatedRobot:
+    """A robot in MuJoCo, implementing `Plant`. Final."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        period: float,
+        settings: SimulatorSettings | None = None,
+        seed: int = 0,
+    ) -> None:
+        """Build the scene.
+
+        Args:
+            robot: The robot.
+            period: Control period [s], a multiple of the physics step.
+            settings: Physics.
+            seed: Seed of the sensor noise.
+
+        Raises:
+            ParameterError: If the period is no multiple of the physics step.
+            ModelError: If the model lacks a sensor.
+        """
+        self.settings = settings or SimulatorSettings()
+        self.robot = robot
+        self.joint_names = robot.joints
+        self.period = period
+        self.substeps = round(period / self.settings.timestep)
+        if not math.isclose(self.substeps * self.settings.timestep, period):
+            raise ParameterError(
+                f"the control period {period} s must be a multiple of the physics "
+                f"step {self.settings.timestep} s"
+            )
+        self.model = build_scene(robot, self.settings)
+        self.data = mujoco.MjData(self.model)
+        self._probe = mujoco.MjData(self.model)
+        self._rng = np.random.default_rng(seed)
+        self._actuators = robot.servo.actuators
+        self._imu = [
+            _sensor(self.model, n) for n in ("imu_quat", "imu_gyro", "imu_acc")
+        ]
+        self._ankles = [
+            _sensor(self.model, f"{side.value[0]}_{kind}")
+            for side in Side
+            for kind in ("force", "torque")
+        ]
+        self._floor = self.model.geom("floor").id
+        self._trunk = self.model.site_bodyid[self.model.site("imu").id]
+        left_foot = self.model.site_bodyid[robot.feet[Side.LEFT].site]
+        self._is_left = (self.model.geom_bodyid == left_foot).astype(float)
+        self._tick = 0
+
+    def place(self, configuration: np.ndarray) -> None:
+        """Put the robot where the simulation starts.
+
+        Args:
+            configuration: MuJoCo's qpos: base pose, then joint angles.
+        """
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[: len(configuration)] = configuration
+        self._tick = 0
+
+    def start(self, command: Command) -> Sensors:
+        """Hold a first command and return the first reading."""
+        self.write(command)
+        # Sensors need a forward pass; on a copy, it leaves no trace in the run.
+        mujoco.mj_copyData(self._probe, self.model, self.data)
+        mujoco.mj_forward(self.model, self._probe)
+        return self._sense(self._probe)
+
+    def write(self, command: Command) -> None:
+        """Set the set-points of the next period, and the pushes that act in it."""
+        self.data.ctrl[self._actuators] = command.positions
+        self.data.xfrc_applied[self._trunk] = 0.0
+        now = self._tick * self.period
+        for push in self.settings.pushes:
+            if push.start - 1e-9 <= now < push.start + push.duration - 1e-9:
+                self.data.xfrc_applied[self._trunk, :3] += push.force
+
+    def read(self) -> Sensors:
+        """Simulate one period and return what the robot senses."""
+        for _ in range(self.substeps):
+            mujoco.mj_step(self.model, self.data)
+        self._tick += 1
+        return self._sense(self.data)
+
+    def stop(self, reason: str) -> None:
+        """Do nothing: the motors of a simulated robot need no rest."""
+
+    def _sense(self, data: mujoco.MjData) -> Sensors:
+        """Return the sensors' readings, with noise if asked."""
+        s = data.sensordata
+        f_l, t_l, f_r, t_r = (s[part] for part in self._ankles)
+        # MuJoCo gives what the shank exerts on the foot; the robot feels the opposite.
+        wrenches = -np.array([[*f_l, *t_l], [*f_r, *t_r]])
+        positions = data.qpos[7:].copy()
+        if self.settings.noise:
+            scale = self.settings.noise * _NOISE
+            wrenches += scale[:6] * self._rng.standard_normal((2, 6))
+            positions += scale[6] * self._rng.standard_normal(len(positions))
+        quat, gyro, acc = (s[part].copy() for part in self._imu)
+        return Sensors(
+            self._tick * self.period,
+            positions,
+            data.qvel[6:].copy(),
+            wrenches,
+            quat,
+            gyro,
+            acc,
+        )
+
+    def snapshot(self) -> dict[str, np.ndarray | bool]:
+        """Return the state before the next period's physics, and the truth, to log."""
+        data, truth = self.data, self.truth()
+        row = {
+            "qpos": data.qpos,
+            "qvel": data.qvel,
+            "ctrl": data.ctrl,
+            "com_true": truth.com,
+            "zmp_true": truth.zmp,
+            "loads_true": np.array(truth.loads),
+            "saturated": truth.saturated,
+        }
+        if self.model.na:
+            row["act"] = data.act
+        if self.settings.pushes:
+            row["xfrc_applied"] = data.xfrc_applied
+        return row
+
+    def truth(self) -> Truth:
+        """Return what only the simulator knows, contact forces of the last step."""
+        data = self.data
+        # mj_step leaves positions one step behind qpos: compute the CoM anew.
+        self._probe.qpos[:] = data.qpos
+        mujoco.mj_kinematics(self.model, self._probe)
+        mujoco.mj_comPos(self.model, self._probe)
+        # The floor is flat: each contact's normal force, its first row, is vertical.
+        contact, zmp, loads = data.contact, np.full(2, np.nan), (0.0, 0.0)
+        if data.ncon:
+            geoms = contact.geom
+            touching = (geoms == self._floor).any(axis=1)
+            f_z = np.where(touching, data.efc_force[contact.efc_address], 0.0)
+            total = float(f_z.sum())
+            left = self._is_left[geoms].max(axis=1)
+            loads = (float(f_z @ left), total - float(f_z @ left))
+            zmp = f_z @ contact.pos[:, :2] / total if total > 1.0 else zmp
+        forces = np.abs(data.actuator_force[self._actuators])
+        return Truth(
+            com=self._probe.subtree_com[self.robot.base_body].copy(),
+            zmp=zmp,
+            loads=loads,
+            saturated=bool((forces >= 0.999 * self.robot.torque).any()),
+        )
+
+
+_NOISE = np.array([5.0, 5.0, 5.0, 0.2, 0.2, 0.2, 1e-4])
+
+
+def _sensor(model: mujoco.MjModel, name: str) -> slice:
+    """Return where a named sensor's reading stands in sensordata."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
+    if index < 0:
+        raise ModelError(
+            f'the model has no sensor "{name}"; walking needs imu_quat, imu_gyro, '
+            "imu_acc and force and torque sensors named l_force, l_torque, r_force, "
+            "r_torque at the ankles"
+        )
+    start = int(model.sensor_adr[index])
+    return slice(start, start + int(model.sensor_dim[index]))
+
+
+def build_scene(robot: Robot, settings: SimulatorSettings) -> mujoco.MjModel:
+    """Return the robot on a floor, with light and a following camera.
+
+    Args:
+        robot: The robot.
+        settings: Physics.
+
+    Returns:
+        The compiled model. Its joints are in the order of the robot's.
+    """
+    spec = robot.spec.copy()
+    for geom in spec.geoms:  # the larger friction of two counts, so lower the soles'
+        geom.friction[0] = min(geom.friction[0], settings.friction)
+    spec.option.timestep = settings.timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10.0
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
+    spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 4, 2048
+    spec.visual.headlight.ambient = [0.45, 0.45, 0.45]
+    spec.visual.headlight.diffuse = [0.35, 0.35, 0.35]
+    spec.visual.map.znear = 0.02
+    spec.add_texture(
+        name="sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.86, 0.90, 0.95],
+        rgb2=[0.55, 0.64, 0.75],
+        width=256,
+        height=256,
+    )
+    spec.add_texture(
+        name="tiles",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[0.78, 0.80, 0.82],
+        rgb2=[0.70, 0.72, 0.75],
+        width=512,
+        height=512,
+    )
+    material = spec.add_material(name="floor", texrepeat=[2.5, 2.5], texuniform=True)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
+    spec.worldbody.add_geom(
+        name="floor",
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0, 0, 0.05],
+        material="floor",
+        contype=1,
+        conaffinity=1,
+        friction=[settings.friction, 0.005, 0.0001],
+    )
+    spec.worldbody.add_light(
+        name="sun", pos=[0, 0, 4], dir=[0.25, 0.35, -1], diffuse=[0.5, 0.5, 0.5]
+    ).type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    return spec.compile()

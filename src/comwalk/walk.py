@@ -1,0 +1,193 @@
+"""The loop of Fig. 4: plan, measure, control, resolve, act."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import NamedTuple
+
+import numpy as np
+
+from .control import ControlOutput, WalkingController
+from .errors import checked_number
+from .pattern import Pattern, Phase, Reference
+from .plant import Command, Plant, Sensors
+from .sensing import Measurement
+from .whole_body import Body
+
+
+class End(StrEnum):
+    """How a run can end."""
+
+    COMPLETED = "completed"
+    FELL = "fell"
+    ABORTED = "aborted"
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """How, when and why a run ended."""
+
+    end: End
+    """Completed, fell or aborted."""
+    time: float
+    """When [s]."""
+    phase: Phase
+    """The supporting phase it ended in."""
+    step: int
+    """Footsteps completed by then."""
+    cause: str
+    """Why, for people; empty when completed."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether the plan was walked to its end."""
+        return self.end is End.COMPLETED
+
+    def __str__(self) -> str:
+        """Return one line, such as "fell at 3.21 s in single left, step 2: ..."."""
+        if self.ok:
+            return f"completed in {self.time:.2f} s"
+        phase = self.phase.name.lower().replace("_", " ")
+        return (
+            f"{self.end} at {self.time:.2f} s in {phase} support phase, "
+            f"after {self.step} steps: {self.cause}"
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class Watch:
+    """When a walk counts as a fall."""
+
+    tilt: float = 0.5
+    """Tilt of the trunk [rad], in (0, pi]."""
+    com_error: float = 0.3
+    """Horizontal distance of the CoM from its reference [m], > 0."""
+    least_load: float = 0.1
+    """Ground force, as a share of the largest so far, under which the robot is in the
+    air or lies, in (0, 1)."""
+    patience: float = 0.2
+    """How long the ground force may be missing [s], > 0."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ParameterError: If a value is out of range.
+        """
+        for name, high in (("tilt", math.pi), ("com_error", 10), ("least_load", 1)):
+            value = getattr(self, name)
+            checked_number(f"watch.{name}", value, low=0, high=high, open_low=True)
+        checked_number("watch.patience", self.patience, low=0, high=10, open_low=True)
+
+
+class Tick(NamedTuple):
+    """All that happened in one control period, for logs and views."""
+
+    reference: Reference
+    """What the plan asks."""
+    sensors: Sensors
+    """What the plant said."""
+    measured: Measurement
+    """CoM and ZMP made of it."""
+    control: ControlOutput
+    """The walking controller's answer."""
+    command: Command
+    """The set-points sent."""
+    seconds: float
+    """Time that all this took to compute [s]."""
+
+
+def walk(
+    pattern: Pattern,
+    controller: WalkingController,
+    body: Body,
+    plant: Plant,
+    *,
+    on_tick: Callable[[Tick], None] | None = None,
+    watch: Watch | None = None,
+) -> Outcome:
+    """Walk a pattern on a plant, Fig. 4.
+
+    Args:
+        pattern: CoM, ZMP and feet over time.
+        controller: The walking controller, Eq. (31).
+        body: What lies between CoM velocity and set-points: a `WholeBody`, or a
+            `PointBody` for the simplified model.
+        plant: The robot, simulated or real.
+        on_tick: Called each period after the command was written.
+        watch: When a walk counts as a fall.
+
+    Returns:
+        The outcome. A fall, and an interruption by the user, are outcomes.
+    """
+    guard = _Guard(watch or Watch())
+    reference = pattern.at(0.0)
+    controller.reset(reference.com, reference.zmp)
+    sensors = plant.start(body.start(reference))
+    outcome = None
+    try:
+        for tick in range(math.ceil(pattern.duration / plant.period)):
+            begin = time.perf_counter()
+            reference = pattern.at(tick * plant.period)
+            measured = body.measure(sensors, reference)
+            control = controller.step(reference, measured.com, measured.zmp)
+            command = body.act(control, reference)
+            seconds = time.perf_counter() - begin
+            plant.write(command)
+            if on_tick is not None:
+                on_tick(Tick(reference, sensors, measured, control, command, seconds))
+            outcome = guard.check(reference, sensors, measured)
+            if outcome is not None:
+                break
+            sensors = plant.read()
+    except KeyboardInterrupt:
+        outcome = _end(End.ABORTED, reference, "interrupted by the user")
+    finally:
+        plant.stop("done" if outcome is None else outcome.cause)
+    if outcome is None:
+        return Outcome(
+            End.COMPLETED, pattern.duration, reference.phase, reference.step, ""
+        )
+    return outcome
+
+
+def _end(end: End, reference: Reference, cause: str) -> Outcome:
+    """Return an outcome at a reference's time."""
+    return Outcome(end, reference.time, reference.phase, reference.step, cause)
+
+
+class _Guard:
+    """Watches over a run: the only part of the loop that knows of falls."""
+
+    def __init__(self, watch: Watch) -> None:
+        self.watch = watch
+        self._heaviest = 0.0
+        self._lightened: float | None = None
+
+    def check(
+        self, reference: Reference, sensors: Sensors, measured: Measurement
+    ) -> Outcome | None:
+        """Return the outcome that ends the run now, if any."""
+        watch, t = self.watch, reference.time
+        if not (np.isfinite(sensors.positions).all() and math.isfinite(measured.load)):
+            return _end(End.ABORTED, reference, "the sensors read no numbers")
+        if measured.tilt > watch.tilt:
+            tilt = math.degrees(measured.tilt)
+            return _end(End.FELL, reference, f"the trunk tilted by {tilt:.0f} deg")
+        (x, y, _), (x_d, y_d, _) = measured.com.tolist(), reference.com.tolist()
+        error = math.hypot(x - x_d, y - y_d)
+        if not error < watch.com_error:
+            cause = f"the CoM is {error:.2f} m from its reference"
+            return _end(End.FELL, reference, cause)
+        self._heaviest = max(self._heaviest, measured.load)
+        if measured.load >= watch.least_load * self._heaviest:
+            self._lightened = None
+        elif self._lightened is None:
+            self._lightened = t
+        elif t - self._lightened > watch.patience:
+            return _end(End.FELL, reference, "the feet lost the ground")
+        return None

@@ -1,0 +1,376 @@
+"""The humanoid between the walking controller and the plant, Fig. 4.
+
+It measures CoM and ZMP from what a robot senses, and turns the controller's CoM
+velocity u into joint set-points by the kinematic resolution, Eqs. (14)-(27), with the
+swing foot and the embedded motion as given limb motions.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+
+from .control import ControlOutput
+from .errors import PlanError, checked_number
+from .footsteps import Side
+from .motion import EmbeddedMotion
+from .pattern import Phase, Reference
+from .plant import Command, Sensors
+from .resolution import (
+    CartesianMotion,
+    JointMotion,
+    Posture,
+    RateLimits,
+    Resolution,
+    Resolver,
+    Task,
+)
+from .robot import LEGS, Kinematics, Robot
+from .sensing import Contact, Measurement, tilt_of, zmp_from_wrenches
+from .spatial import level_error, rotation_yaw, yaw_of
+
+
+class Body(Protocol):
+    """The robot box of Fig. 4, as the loop sees it."""
+
+    def start(self, reference: Reference) -> Command:
+        """Return the set-points of the posture to start from."""
+        ...
+
+    def measure(self, sensors: Sensors, reference: Reference) -> Measurement:
+        """Return CoM and ZMP from the sensors."""
+        ...
+
+    def act(self, control: ControlOutput, reference: Reference) -> Command:
+        """Return the set-points for the next period."""
+        ...
+
+
+class PointBody:
+    """The body of the simplified model (30): the CoM itself is the joint. Final."""
+
+    def start(self, reference: Reference) -> Command:
+        """Return the CoM to start from."""
+        return Command(reference.com[:2].copy(), np.zeros(2))
+
+    def measure(self, sensors: Sensors, reference: Reference) -> Measurement:
+        """Return CoM and ZMP; the one virtual sole is at the world's origin."""
+        force, torque = sensors.wrenches[0, :3], sensors.wrenches[0, 3:]
+        zmp = zmp_from_wrenches([Contact(np.zeros(3), force, torque)])
+        com = np.array([*sensors.positions, reference.com[2]])
+        zmp = reference.zmp if zmp is None else zmp
+        return Measurement(com, zmp, float(force[2]), 0.0)
+
+    def act(self, control: ControlOutput, reference: Reference) -> Command:
+        """Return u itself as the CoM's velocity."""
+        return Command(control.com_command, control.u)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodySettings:
+    """How the whole body follows its commands."""
+
+    feedback: float = 20.0
+    """Feedback on every Cartesian row against drift (CLIK) [1/s], in [0, 100]."""
+    deflection_compensation: bool = True
+    """Whether set-points lead by the servo deflection that the plan implies."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ParameterError: If the feedback is out of range.
+        """
+        checked_number("body.feedback", self.feedback, unit="1/s", low=0, high=100)
+
+
+class WholeBody:
+    """A humanoid that walks by the kinematic resolution. Final.
+
+    It holds one state: the commanded configuration, integrated from the resolution.
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        period: float,
+        motion: EmbeddedMotion | None = None,
+        settings: BodySettings | None = None,
+    ) -> None:
+        """Prepare the workspaces.
+
+        Args:
+            robot: The robot.
+            period: Control period [s].
+            motion: Motion of arms, waist or head, in absolute joint angles.
+            settings: How it follows its commands.
+        """
+        self.robot = robot
+        self.period = period
+        self.settings = settings or BodySettings()
+        self.configuration = robot.home.copy()
+        self.resolution: Resolution | None = None
+        self._motion = motion
+        self._commanded = Kinematics(robot, LEGS.values())
+        self._sensed = Kinematics(robot, LEGS.values())
+        self._resolver = Resolver(robot.limbs)
+        self._home = robot.home[7:].copy()
+        self._zmp = np.zeros(2)
+        self._support = Side.LEFT
+        self._offsets = {side: (0.0, 0.0, 0.0) for side in Side}
+        self._free = [
+            (limb.name, np.array(limb.joints))
+            for limb in robot.limbs
+            if limb.name not in LEGS.values()
+        ]
+        names = {n: j for j, n in enumerate(robot.joints)}
+        self._dancing = np.array(
+            [names[n] for n in motion.joints] if motion else [], dtype=np.intp
+        )
+        self._stiffness = robot.servo.stiffness
+        self._gravity = float(np.linalg.norm(robot.model.opt.gravity))
+        self._weight = robot.mass * self._gravity
+        feet = [robot.feet[side] for side in Side]
+        self._ankle_sites = np.array([foot.sensor_site for foot in feet])
+        self._foot_weights = [foot.mass * self._gravity for foot in feet]
+        # Columns: force, torque, CoM of the foot, in the frame of its sensor.
+        self._ankle_vectors = np.zeros((2, 3, 3))
+        self._ankle_vectors[:, :, 2] = [foot.com for foot in feet]
+
+    def start(self, reference: Reference) -> Command:
+        """Find the posture of the reference and return its set-points.
+
+        Args:
+            reference: The reference at the start, both feet on the ground.
+
+        Returns:
+            Set-points of the standing robot.
+
+        Raises:
+            PlanError: If the legs cannot reach the feet at that CoM height.
+        """
+        still = ControlOutput.still(reference)
+        for _ in range(300):
+            resolution = self._resolve(still, reference, feedback=50.0, limited=False)
+            self.configuration = self._commanded.integrate(
+                self.configuration, resolution.velocity, 0.01
+            )
+            if np.abs(resolution.velocity).max() < 1e-9:
+                break
+        posture = self._commanded.posture(self.configuration)
+        miss = float(np.abs(posture.com - reference.com).max())
+        if miss > 1e-4:
+            raise PlanError(
+                f"the legs cannot reach the feet with the CoM {reference.com[2]:.3g} m "
+                f"above the ground ({1e3 * miss:.0f} mm are missing): lower it "
+                "by gait.com_height"
+            )
+        self._zmp = reference.zmp.copy()
+        self._support = reference.support
+        self.resolution = resolution
+        return self._set_points(resolution, reference)
+
+    def measure(self, sensors: Sensors, reference: Reference) -> Measurement:
+        """Return CoM and ZMP as the robot senses them, over the supporting sole.
+
+        The supporting sole is taken to lie flat on the ground. Where it lies is dead
+        reckoning: when the support changes sides, the encoders tell where the new
+        sole stands from the old one, so that a foot set down beside its planned place
+        is not mistaken for a body out of place.
+
+        Args:
+            sensors: Encoders and ankle wrenches.
+            reference: The reference of this tick.
+
+        Returns:
+            The measurement; without ground contact the last ZMP is kept.
+        """
+        data = self._sensed.data
+        self._sensed.update(np.concatenate([_ORIGIN, sensors.positions]))
+        if reference.support is not self._support:
+            self._change_support(reference)
+        M, r = self._anchor(self._support, reference)
+        com = r + M @ data.subtree_com[self.robot.base_body]
+        contacts = self._contacts(sensors.wrenches, M, r)
+        load = contacts[0].force[2] + contacts[1].force[2]
+        zmp = zmp_from_wrenches(contacts, least_load=0.05 * self._weight)
+        self._zmp = self._zmp if zmp is None else zmp
+        return Measurement(com, self._zmp, load, tilt_of(sensors.orientation))
+
+    def _anchor(
+        self, side: Side, reference: Reference
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return M, r so that x_world = r + M x, from where a sole stands."""
+        data, site = self._sensed.data, self.robot.feet[side].site
+        x, y, yaw = self._foothold(side, reference)
+        M = rotation_yaw(yaw) @ data.site_xmat[site].reshape(3, 3).T
+        r = np.array([x, y, 0.0]) - M @ data.site_xpos[site]
+        return M, r
+
+    def _foothold(self, side: Side, reference: Reference) -> tuple[float, float, float]:
+        """Return where a sole stands: x [m], y [m], yaw [rad]."""
+        foot = reference.left if side is Side.LEFT else reference.right
+        x, y, _ = foot.position.tolist()
+        dx, dy, dyaw = self._offsets[side]
+        return x + dx, y + dy, foot.yaw + dyaw
+
+    def _change_support(self, reference: Reference) -> None:
+        """Find where the new supporting sole stands, seen from the old one."""
+        data, side = self._sensed.data, reference.support
+        M, r = self._anchor(self._support, reference)
+        site = self.robot.feet[side].site
+        x, y, _ = (r + M @ data.site_xpos[site]).tolist()
+        yaw = yaw_of(M @ data.site_xmat[site].reshape(3, 3))
+        self._offsets[side] = (0.0, 0.0, 0.0)
+        x_d, y_d, yaw_d = self._foothold(side, reference)
+        turn = math.remainder(yaw - yaw_d, math.tau)
+        self._offsets[side] = (x - x_d, y - y_d, turn)
+        self._support = side
+
+    def _contacts(
+        self, wrenches: np.ndarray, M: np.ndarray, r: np.ndarray
+    ) -> list[Contact]:
+        """Return each foot's ground force: what its sensor feels, and its weight."""
+        data, sites, local = self._sensed.data, self._ankle_sites, self._ankle_vectors
+        local[:, :, 0], local[:, :, 1] = wrenches[:, :3], wrenches[:, 3:]
+        R = data.site_xmat.take(sites, axis=0).reshape(2, 3, 3)
+        points = (r + data.site_xpos.take(sites, axis=0) @ M.T).tolist()
+        contacts = []
+        for point, vectors, weight in zip(
+            points, (M @ R @ local).tolist(), self._foot_weights, strict=True
+        ):
+            (f_x, m_x, x), (f_y, m_y, y), (f_z, m_z, _) = vectors
+            moment = (m_x + y * weight, m_y - x * weight, m_z)
+            contacts.append(Contact(point, (f_x, f_y, f_z + weight), moment))
+        return contacts
+
+    def act(self, control: ControlOutput, reference: Reference) -> Command:
+        """Return the joint set-points for the next period.
+
+        Args:
+            control: The walking controller's output.
+            reference: The reference of this tick.
+
+        Returns:
+            Set-points of all joints.
+        """
+        resolution = self._resolve(control, reference, self.settings.feedback)
+        self.resolution = resolution
+        self.configuration = self._commanded.integrate(
+            self.configuration, resolution.velocity, self.period
+        )
+        return self._set_points(resolution, reference)
+
+    def _resolve(
+        self,
+        control: ControlOutput,
+        reference: Reference,
+        feedback: float,
+        limited: bool = True,
+    ) -> Resolution:
+        """Resolve the tick's task at the commanded configuration."""
+        posture = self._commanded.posture(self.configuration)
+        K = feedback
+        target = reference.com.copy()
+        target[:2] = control.com_command
+        com_velocity = K * (target - posture.com)
+        com_velocity[:2] += control.u
+        twists = {}
+        for i, side in enumerate(Side):
+            twists[side] = self._foot_twist(side, reference, posture, i, K)
+        trunk = K * level_error(reference.heading, posture.rotation)
+        trunk[2] += reference.heading_rate
+        swing = reference.support.other
+        self._forget_offset(swing, reference)
+        motions: dict[str, CartesianMotion | JointMotion] = dict(
+            self._joint_motions(reference.time, K)
+        )
+        motions[LEGS[swing]] = CartesianMotion(twists[swing])
+        support = reference.support
+        task = Task(com_velocity, LEGS[support], twists[support], trunk, motions)
+        if not limited:
+            return self._resolver.resolve(posture, task)
+        return self._resolver.resolve_within(posture, task, self._rate_limits())
+
+    def _foot_twist(
+        self, side: Side, reference: Reference, posture: Posture, i: int, K: float
+    ) -> np.ndarray:
+        """Return the twist of a foot: its plan's, and feedback to where it should be.
+
+        The supporting foot follows its dead reckoning slowly, since each correction
+        moves the whole body.
+        """
+        foot = reference.left if side is Side.LEFT else reference.right
+        x, y, yaw = self._foothold(side, reference)
+        twist = np.empty(6)
+        twist[:3] = (x, y, foot.position[2])
+        twist[:3] -= posture.ends[i]
+        twist[3:] = level_error(yaw, posture.end_rotations[i])
+        twist *= K
+        if side is reference.support:
+            twist[_PLANAR] *= _RECKONING / max(K, _RECKONING)
+        twist[:3] += foot.velocity
+        twist[5] += foot.yaw_rate
+        return twist
+
+    def _forget_offset(self, swing: Side, reference: Reference) -> None:
+        """Let a swinging foot return to its planned path."""
+        if reference.phase in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT):
+            keep = 1.0 - self.period / _RETURN
+            dx, dy, dyaw = self._offsets[swing]
+            self._offsets[swing] = (keep * dx, keep * dy, keep * dyaw)
+
+    def _joint_motions(self, t: float, K: float) -> dict[str, JointMotion]:
+        """Return the rates of all limbs but the legs: the dance, or back to home."""
+        desired, rates = self._home.copy(), np.zeros(len(self._home))
+        if self._motion is not None:
+            desired[self._dancing], rates[self._dancing] = self._motion.at(t)
+        rates += K * (desired - self.configuration[7:])
+        return {n: JointMotion(rates[joints]) for n, joints in self._free}
+
+    def _rate_limits(self) -> RateLimits:
+        """Return the rates that respect speed limits and approach position limits."""
+        robot, q, K = self.robot, self.configuration[7:], 0.2 / self.period
+        lower, upper = K * (robot.lower - q), K * (robot.upper - q)
+        np.maximum(lower, -robot.speed, out=lower)
+        np.minimum(upper, robot.speed, out=upper)
+        return RateLimits(lower, upper)
+
+    def _set_points(self, resolution: Resolution, reference: Reference) -> Command:
+        """Return set-points that lead by the deflection the plan implies.
+
+        A position servo yields by torque / stiffness, and lags its moving set-point by
+        damping / stiffness. Both are known in advance: the torques are those that
+        carry the body, accelerated with the reference CoM, by ground forces at the
+        reference ZMP.
+        """
+        q, rates = self.configuration[7:].copy(), resolution.rates
+        if self.settings.deflection_compensation:
+            torques = self._planned_torques(resolution, reference)
+            q += (torques + self.robot.servo.damping * rates) / self._stiffness
+        return Command(q, rates)
+
+    def _planned_torques(
+        self, resolution: Resolution, reference: Reference
+    ) -> np.ndarray:
+        """Return the joint torques of the plan [N m], of shape (joints,)."""
+        posture, load = resolution.posture, reference.left_load
+        force = self.robot.mass * reference.com_acceleration
+        force[2] += self._weight
+        ends = posture.ends[:2]
+        offset = reference.zmp - load * ends[0, :2] - (1.0 - load) * ends[1, :2]
+        f_x, f_y, f_z = force.tolist()
+        x, y = offset.tolist()
+        wrench = np.array([f_x, f_y, f_z, y * f_z, -x * f_z, x * f_y - y * f_x])
+        wrenches = np.concatenate([load * wrench, (1.0 - load) * wrench])
+        carried = self._commanded.holding_forces(reference.com_acceleration)
+        return carried[6:] - wrenches @ posture.jacobian[3:15, 6:]
+
+
+_PLANAR = [0, 1, 5]
+_RECKONING = 5.0  # feedback of the supporting foot to its dead reckoning [1/s]
+_RETURN = 0.1  # time constant of a swinging foot's return to its path [s]
+_ORIGIN = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])

@@ -80,8 +80,8 @@ def test_it_has_the_mass_of_the_paper(model: mujoco.MjModel) -> None:
     [
         ("l_shoulder_pitch", 4.5, 5.5),
         ("l_hip_yaw", 9.0, 12.0),
-        ("l_shank", 3.5, 4.5),
-        ("l_foot", 1.2, 1.4),
+        ("l_shank", 2.8, 3.8),
+        ("l_foot", 0.9, 1.1),
         ("neck", 3.2, 3.8),
     ],
 )

@@ -261,7 +261,7 @@ class ControlSettings:
         ParameterError: If a number is out of range.
     """
 
-    zmp_cutoff: float | None = 5.0
+    zmp_cutoff: float | None = 4.0
     """Cut-off of the ZMP low-pass filter [Hz], above 0; None for no filter."""
 
     delay: int = 0

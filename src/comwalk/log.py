@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,13 +12,14 @@ from .errors import RunError
 from .walk import Tick
 
 Columns = Mapping[str, np.ndarray]
+"""Arrays by name."""
 
 
 class Log:
     """Rows of a run, in arrays allocated beforehand. Final."""
 
     def __init__(
-        self, capacity: int, extra: Callable[[], Columns] | None = None
+        self, capacity: int, extra: Callable[[], Mapping[str, Any]] | None = None
     ) -> None:
         """Prepare a log.
 

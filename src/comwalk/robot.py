@@ -10,7 +10,6 @@ from __future__ import annotations
 import copy
 from collections.abc import Iterable
 from dataclasses import dataclass
-from importlib import resources
 from pathlib import Path
 
 import mujoco
@@ -165,7 +164,7 @@ def load_robot(source: str | Path = "paper", *, stiffness: float = 1.0) -> Robot
 def _find(source: str) -> tuple[str, Path]:
     """Return the name and the file of a robot."""
     if source in BUILTIN_ROBOTS:
-        return source, Path(str(resources.files(__package__) / f"robots/{source}.xml"))
+        return source, Path(__file__).parent / "robots" / f"{source}.xml"
     path = Path(source)
     if path.suffix.lower() in (".xml", ".mjcf", ".urdf") or "/" in source:
         if not path.is_file():
@@ -405,17 +404,24 @@ class Kinematics:
         self.robot = robot
         self.data = mujoco.MjData(robot.model)
         self._accelerating = copy.copy(robot.model)  # its gravity is changed
-        self._felt = self._accelerating.opt.gravity
-        self._gravity = self._felt.copy()
-        self._root = robot.base_body
+        self._gravity = robot.model.opt.gravity.copy()
+        self._jacobian = np.zeros((3 + 6 * len(robot.ends), robot.model.nv))
+        self._ends = np.maximum(robot.ends, 0)
         wanted = {x.name for x in robot.limbs} if limbs is None else set(limbs)
-        self._sites = [
+        sites = [
             (3 + 6 * i, site)
             for i, (limb, site) in enumerate(zip(robot.limbs, robot.ends, strict=True))
             if site >= 0 and limb.name in wanted
         ]
-        self._ends = np.maximum(robot.ends, 0)
-        self._shape = (3 + 6 * len(robot.ends), robot.model.nv)
+        # Views into MuJoCo's memory, made once: each access through mjData copies.
+        J, d, root = self._jacobian, self.data, robot.base_body
+        self._root = root
+        self._end_rows = [(J[k : k + 3], J[k + 3 : k + 6], site) for k, site in sites]
+        self._com_rows, self._turn_columns = J[:3], J[:, 3:6]
+        self._qpos, self._felt = d.qpos, self._accelerating.opt.gravity
+        self._xpos, self._xmat = d.xpos[root], d.xmat[root].reshape(3, 3)
+        self._com, self._site_xpos = d.subtree_com[root], d.site_xpos
+        self._site_xmat = d.site_xmat
 
     def update(self, q: np.ndarray) -> None:
         """Compute positions of all bodies and the CoM, no Jacobians.
@@ -424,9 +430,26 @@ class Kinematics:
             q: Configuration: base position [m], quaternion wxyz, joint angles [rad],
                 of shape (7 + joints,).
         """
-        self.data.qpos[:] = q
+        self._qpos[:] = q
         mujoco.mj_kinematics(self.robot.model, self.data)
         mujoco.mj_comPos(self.robot.model, self.data)
+
+    @property
+    def com(self) -> np.ndarray:
+        """CoM after the last `update` [m], world; a view, of shape (3,)."""
+        return self._com
+
+    def sites(self, indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return where frames are after the last `update`.
+
+        Args:
+            indices: Indices of k sites.
+
+        Returns:
+            Positions [m], world, of shape (k, 3), and rotations to world, (k, 3, 3).
+        """
+        rotations = self._site_xmat.take(indices, axis=0).reshape(-1, 3, 3)
+        return self._site_xpos.take(indices, axis=0), rotations
 
     def posture(self, q: np.ndarray) -> Posture:
         """Return the posture at a configuration, with all Jacobians, Eq. (14), (21).
@@ -439,20 +462,15 @@ class Kinematics:
             The posture. Ends that no site marks have a zero Jacobian.
         """
         self.update(q)
-        m, d, J = self.robot.model, self.data, np.zeros(self._shape)
-        mujoco.mj_jacSubtreeCom(m, d, J[:3], self._root)
-        for k, site in self._sites:
-            mujoco.mj_jacSite(m, d, J[k : k + 3], J[k + 3 : k + 6], site)
-        R_o = d.xmat[self._root].reshape(3, 3).copy()
-        J[:, 3:6] = J[:, 3:6] @ R_o.T  # MuJoCo's base rates are in body axes
-        return Posture(
-            position=d.xpos[self._root].copy(),
-            rotation=R_o,
-            com=d.subtree_com[self._root].copy(),
-            ends=d.site_xpos.take(self._ends, axis=0),
-            end_rotations=d.site_xmat.take(self._ends, axis=0).reshape(-1, 3, 3),
-            jacobian=J,
-        )
+        m, d = self.robot.model, self.data
+        mujoco.mj_jacSubtreeCom(m, d, self._com_rows, self._root)
+        for linear, angular, site in self._end_rows:
+            mujoco.mj_jacSite(m, d, linear, angular, site)
+        J, R_o = self._jacobian.copy(), self._xmat.copy()
+        # MuJoCo's base rates are in body axes.
+        J[:, 3:6] = self._turn_columns @ R_o.T
+        ends, rotations = self.sites(self._ends)
+        return Posture(self._xpos.copy(), R_o, self._com.copy(), ends, rotations, J)
 
     def integrate(self, q: np.ndarray, velocity: np.ndarray, dt: float) -> np.ndarray:
         """Return the configuration after a velocity for a time.
@@ -465,8 +483,7 @@ class Kinematics:
         Returns:
             The new configuration, of shape (7 + joints,).
         """
-        local, result = velocity.copy(), q.copy()
-        R_o = np.empty(9)
+        local, result, R_o = velocity.copy(), q.copy(), np.empty(9)
         mujoco.mju_quat2Mat(R_o, q[3:7])
         local[3:6] = velocity[3:6] @ R_o.reshape(3, 3)
         mujoco.mj_integratePos(self.robot.model, result, local, dt)
@@ -484,7 +501,7 @@ class Kinematics:
         Returns:
             Forces [N, N m] in MuJoCo's coordinates, of shape (6 + joints,).
         """
-        forces = np.empty(self._shape[1])
+        forces = np.empty(len(self._qpos) - 1)
         np.subtract(self._gravity, com_acceleration, out=self._felt)
         mujoco.mj_rne(self._accelerating, self.data, 0, forces)
         return forces

@@ -7,67 +7,16 @@ simulator knows (`truth`) goes to the log alone.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 
-from .errors import ModelError, ParameterError, checked_number
+from .errors import ModelError, ParameterError
 from .footsteps import Side
 from .plant import Command, Sensors
 from .robot import Robot
-
-
-@dataclass(frozen=True, kw_only=True)
-class Push:
-    """A force on the trunk for a while."""
-
-    start: float
-    """When it begins [s]."""
-    force: tuple[float, float, float]
-    """Force [N], world."""
-    duration: float = 0.1
-    """How long it lasts [s]."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ParameterError: If a value is not finite or a time is negative.
-        """
-        checked_number("push start", self.start, unit="s", low=0)
-        checked_number("push duration", self.duration, unit="s", low=0, open_low=True)
-        if len(self.force) != 3:
-            raise ParameterError(f"push force needs x,y,z in N, got {self.force}")
-        for value in self.force:
-            checked_number("push force", value, unit="N", low=-1e5, high=1e5)
-
-
-@dataclass(frozen=True, kw_only=True)
-class SimulatorSettings:
-    """Physics of the simulated robot."""
-
-    timestep: float = 0.001
-    """Physics step [s], in [1e-4, 0.005]."""
-    friction: float = 1.0
-    """Sliding friction of the floor [-], in [0, 10]."""
-    noise: float = 0.0
-    """Sensor noise, as a factor on 1e-4 rad (encoders), 5 N and 0.2 N m (ankle
-    sensors), in [0, 100]."""
-    pushes: tuple[Push, ...] = field(default=())
-    """Forces on the trunk."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ParameterError: If a value is out of range.
-        """
-        checked_number(
-            "simulator.timestep", self.timestep, unit="s", low=1e-4, high=0.005
-        )
-        checked_number("simulator.friction", self.friction, low=0, high=10)
-        checked_number("simulator.noise", self.noise, low=0, high=100)
+from .settings import SimulatorSettings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -273,8 +222,8 @@ def build_scene(robot: Robot, settings: SimulatorSettings) -> mujoco.MjModel:
     spec.option.impratio = 10.0
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
     spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 4, 2048
-    spec.visual.headlight.ambient = [0.45, 0.45, 0.45]
-    spec.visual.headlight.diffuse = [0.35, 0.35, 0.35]
+    spec.visual.headlight.ambient = np.full(3, 0.45, np.float32)
+    spec.visual.headlight.diffuse = np.full(3, 0.35, np.float32)
     spec.visual.map.znear = 0.02
     spec.add_texture(
         name="sky",

@@ -15,7 +15,7 @@ import numpy as np
 from .errors import checked_number
 from .footsteps import Foothold, shortest_turn
 
-VERTICAL_SHARE = 0.05
+VERTICAL_SHARE = 0.02
 """Share of the swing at each end in which the foot moves vertically only [-]."""
 
 
@@ -81,7 +81,7 @@ def swing_foot(
 
     .. math:: z = 64\, h_{max} s^3 (1-s)^3, \quad s = t / S
 
-    and x, y, yaw by `minimum_jerk` over the middle 90 % of the swing; the yaw turns
+    and x, y, yaw by `minimum_jerk` over the middle 96 % of the swing; the yaw turns
     the short way. The path is twice continuously differentiable.
 
     Args:

@@ -8,13 +8,12 @@ swing foot and the embedded motion as given limb motions.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
 from .control import ControlOutput
-from .errors import PlanError, checked_number
+from .errors import PlanError
 from .footsteps import Side
 from .motion import EmbeddedMotion
 from .pattern import Phase, Reference
@@ -30,6 +29,7 @@ from .resolution import (
 )
 from .robot import LEGS, Kinematics, Robot
 from .sensing import Contact, Measurement, tilt_of, zmp_from_wrenches
+from .settings import BodySettings
 from .spatial import level_error, rotation_yaw, yaw_of
 
 
@@ -59,7 +59,9 @@ class PointBody:
     def measure(self, sensors: Sensors, reference: Reference) -> Measurement:
         """Return CoM and ZMP; the one virtual sole is at the world's origin."""
         force, torque = sensors.wrenches[0, :3], sensors.wrenches[0, 3:]
-        zmp = zmp_from_wrenches([Contact(np.zeros(3), force, torque)])
+        zmp = zmp_from_wrenches(
+            [Contact((0.0, 0.0, 0.0), force.tolist(), torque.tolist())]
+        )
         com = np.array([*sensors.positions, reference.com[2]])
         zmp = reference.zmp if zmp is None else zmp
         return Measurement(com, zmp, float(force[2]), 0.0)
@@ -67,24 +69,6 @@ class PointBody:
     def act(self, control: ControlOutput, reference: Reference) -> Command:
         """Return u itself as the CoM's velocity."""
         return Command(control.com_command, control.u)
-
-
-@dataclass(frozen=True, kw_only=True)
-class BodySettings:
-    """How the whole body follows its commands."""
-
-    feedback: float = 20.0
-    """Feedback on every Cartesian row against drift (CLIK) [1/s], in [0, 100]."""
-    deflection_compensation: bool = True
-    """Whether set-points lead by the servo deflection that the plan implies."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ParameterError: If the feedback is out of range.
-        """
-        checked_number("body.feedback", self.feedback, unit="1/s", low=0, high=100)
 
 
 class WholeBody:
@@ -134,7 +118,11 @@ class WholeBody:
         self._gravity = float(np.linalg.norm(robot.model.opt.gravity))
         self._weight = robot.mass * self._gravity
         feet = [robot.feet[side] for side in Side]
-        self._ankle_sites = np.array([foot.sensor_site for foot in feet])
+        self._foot_sites = np.array(
+            [foot.site for foot in feet] + [foot.sensor_site for foot in feet]
+        )
+        self._sensed_q = np.zeros(len(robot.home))
+        self._sensed_q[3] = 1.0
         self._foot_weights = [foot.mass * self._gravity for foot in feet]
         # Columns: force, torque, CoM of the foot, in the frame of its sensor.
         self._ankle_vectors = np.zeros((2, 3, 3))
@@ -166,7 +154,7 @@ class WholeBody:
             raise PlanError(
                 f"the legs cannot reach the feet with the CoM {reference.com[2]:.3g} m "
                 f"above the ground ({1e3 * miss:.0f} mm are missing): lower it "
-                "by gait.com_height"
+                "by pendulum.height"
             )
         self._zmp = reference.zmp.copy()
         self._support = reference.support
@@ -188,27 +176,33 @@ class WholeBody:
         Returns:
             The measurement; without ground contact the last ZMP is kept.
         """
-        data = self._sensed.data
-        self._sensed.update(np.concatenate([_ORIGIN, sensors.positions]))
+        self._sensed_q[7:] = sensors.positions
+        self._sensed.update(self._sensed_q)
+        positions, rotations = self._sensed.sites(self._foot_sites)
         if reference.support is not self._support:
-            self._change_support(reference)
-        M, r = self._anchor(self._support, reference)
-        com = r + M @ data.subtree_com[self.robot.base_body]
-        contacts = self._contacts(sensors.wrenches, M, r)
+            self._change_support(reference, positions, rotations)
+        M, r = self._anchor(self._support, reference, positions, rotations)
+        com = r + M @ self._sensed.com
+        contacts = self._contacts(
+            sensors.wrenches, r + positions[2:] @ M.T, M @ rotations[2:]
+        )
         load = contacts[0].force[2] + contacts[1].force[2]
         zmp = zmp_from_wrenches(contacts, least_load=0.05 * self._weight)
         self._zmp = self._zmp if zmp is None else zmp
         return Measurement(com, self._zmp, load, tilt_of(sensors.orientation))
 
     def _anchor(
-        self, side: Side, reference: Reference
+        self,
+        side: Side,
+        reference: Reference,
+        positions: np.ndarray,
+        rotations: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:
         """Return M, r so that x_world = r + M x, from where a sole stands."""
-        data, site = self._sensed.data, self.robot.feet[side].site
+        k = _FOOT_INDEX[side]
         x, y, yaw = self._foothold(side, reference)
-        M = rotation_yaw(yaw) @ data.site_xmat[site].reshape(3, 3).T
-        r = np.array([x, y, 0.0]) - M @ data.site_xpos[site]
-        return M, r
+        M = rotation_yaw(yaw) @ rotations[k].T
+        return M, (x, y, 0.0) - M @ positions[k]
 
     def _foothold(self, side: Side, reference: Reference) -> tuple[float, float, float]:
         """Return where a sole stands: x [m], y [m], yaw [rad]."""
@@ -217,13 +211,15 @@ class WholeBody:
         dx, dy, dyaw = self._offsets[side]
         return x + dx, y + dy, foot.yaw + dyaw
 
-    def _change_support(self, reference: Reference) -> None:
+    def _change_support(
+        self, reference: Reference, positions: np.ndarray, rotations: np.ndarray
+    ) -> None:
         """Find where the new supporting sole stands, seen from the old one."""
-        data, side = self._sensed.data, reference.support
-        M, r = self._anchor(self._support, reference)
-        site = self.robot.feet[side].site
-        x, y, _ = (r + M @ data.site_xpos[site]).tolist()
-        yaw = yaw_of(M @ data.site_xmat[site].reshape(3, 3))
+        side = reference.support
+        M, r = self._anchor(self._support, reference, positions, rotations)
+        k = _FOOT_INDEX[side]
+        x, y, _ = (r + M @ positions[k]).tolist()
+        yaw = yaw_of(M @ rotations[k])
         self._offsets[side] = (0.0, 0.0, 0.0)
         x_d, y_d, yaw_d = self._foothold(side, reference)
         turn = math.remainder(yaw - yaw_d, math.tau)
@@ -231,16 +227,14 @@ class WholeBody:
         self._support = side
 
     def _contacts(
-        self, wrenches: np.ndarray, M: np.ndarray, r: np.ndarray
+        self, wrenches: np.ndarray, points: np.ndarray, R: np.ndarray
     ) -> list[Contact]:
         """Return each foot's ground force: what its sensor feels, and its weight."""
-        data, sites, local = self._sensed.data, self._ankle_sites, self._ankle_vectors
+        local = self._ankle_vectors
         local[:, :, 0], local[:, :, 1] = wrenches[:, :3], wrenches[:, 3:]
-        R = data.site_xmat.take(sites, axis=0).reshape(2, 3, 3)
-        points = (r + data.site_xpos.take(sites, axis=0) @ M.T).tolist()
         contacts = []
         for point, vectors, weight in zip(
-            points, (M @ R @ local).tolist(), self._foot_weights, strict=True
+            points.tolist(), (R @ local).tolist(), self._foot_weights, strict=True
         ):
             (f_x, m_x, x), (f_y, m_y, y), (f_z, m_z, _) = vectors
             moment = (m_x + y * weight, m_y - x * weight, m_z)
@@ -278,9 +272,7 @@ class WholeBody:
         target[:2] = control.com_command
         com_velocity = K * (target - posture.com)
         com_velocity[:2] += control.u
-        twists = {}
-        for i, side in enumerate(Side):
-            twists[side] = self._foot_twist(side, reference, posture, i, K)
+        twists = {s: self._foot_twist(s, reference, posture, K) for s in Side}
         trunk = K * level_error(reference.heading, posture.rotation)
         trunk[2] += reference.heading_rate
         swing = reference.support.other
@@ -296,25 +288,30 @@ class WholeBody:
         return self._resolver.resolve_within(posture, task, self._rate_limits())
 
     def _foot_twist(
-        self, side: Side, reference: Reference, posture: Posture, i: int, K: float
+        self, side: Side, reference: Reference, posture: Posture, K: float
     ) -> np.ndarray:
         """Return the twist of a foot: its plan's, and feedback to where it should be.
 
         The supporting foot follows its dead reckoning slowly, since each correction
         moves the whole body.
         """
+        k = _FOOT_INDEX[side]
         foot = reference.left if side is Side.LEFT else reference.right
-        x, y, yaw = self._foothold(side, reference)
-        twist = np.empty(6)
-        twist[:3] = (x, y, foot.position[2])
-        twist[:3] -= posture.ends[i]
-        twist[3:] = level_error(yaw, posture.end_rotations[i])
-        twist *= K
-        if side is reference.support:
-            twist[_PLANAR] *= _RECKONING / max(K, _RECKONING)
-        twist[:3] += foot.velocity
-        twist[5] += foot.yaw_rate
-        return twist
+        x_d, y_d, yaw_d = self._foothold(side, reference)
+        x, y, z = posture.ends[k].tolist()
+        e_x, e_y, e_z = level_error(yaw_d, posture.end_rotations[k]).tolist()
+        v_x, v_y, v_z = foot.velocity.tolist()
+        K_p = min(K, _RECKONING) if side is reference.support else K
+        return np.array(
+            [
+                v_x + K_p * (x_d - x),
+                v_y + K_p * (y_d - y),
+                v_z + K * (float(foot.position[2]) - z),
+                K * e_x,
+                K * e_y,
+                foot.yaw_rate + K_p * e_z,
+            ]
+        )
 
     def _forget_offset(self, swing: Side, reference: Reference) -> None:
         """Let a swinging foot return to its planned path."""
@@ -325,10 +322,11 @@ class WholeBody:
 
     def _joint_motions(self, t: float, K: float) -> dict[str, JointMotion]:
         """Return the rates of all limbs but the legs: the dance, or back to home."""
-        desired, rates = self._home.copy(), np.zeros(len(self._home))
-        if self._motion is not None:
-            desired[self._dancing], rates[self._dancing] = self._motion.at(t)
-        rates += K * (desired - self.configuration[7:])
+        rates = K * (self._home - self.configuration[7:])
+        if self._motion is not None and self.settings.embed_motion:
+            dancing = self._dancing
+            positions, forward = self._motion.at(t)
+            rates[dancing] += K * (positions - self._home[dancing]) + forward
         return {n: JointMotion(rates[joints]) for n, joints in self._free}
 
     def _rate_limits(self) -> RateLimits:
@@ -351,6 +349,8 @@ class WholeBody:
         if self.settings.deflection_compensation:
             torques = self._planned_torques(resolution, reference)
             q += (torques + self.robot.servo.damping * rates) / self._stiffness
+        if self._motion is not None and not self.settings.embed_motion:
+            q[self._dancing], _ = self._motion.at(reference.time)
         return Command(q, rates)
 
     def _planned_torques(
@@ -358,19 +358,19 @@ class WholeBody:
     ) -> np.ndarray:
         """Return the joint torques of the plan [N m], of shape (joints,)."""
         posture, load = resolution.posture, reference.left_load
-        force = self.robot.mass * reference.com_acceleration
-        force[2] += self._weight
-        ends = posture.ends[:2]
-        offset = reference.zmp - load * ends[0, :2] - (1.0 - load) * ends[1, :2]
-        f_x, f_y, f_z = force.tolist()
-        x, y = offset.tolist()
-        wrench = np.array([f_x, f_y, f_z, y * f_z, -x * f_z, x * f_y - y * f_x])
-        wrenches = np.concatenate([load * wrench, (1.0 - load) * wrench])
+        a_x, a_y, a_z = reference.com_acceleration.tolist()
+        m, g = self.robot.mass, self._gravity
+        f_x, f_y, f_z = m * a_x, m * a_y, m * (a_z + g)
+        (x_l, y_l, _), (x_r, y_r, _) = posture.ends[:2].tolist()
+        p_x, p_y = reference.zmp.tolist()
+        x = p_x - load * x_l - (1.0 - load) * x_r
+        y = p_y - load * y_l - (1.0 - load) * y_r
+        wrench = (f_x, f_y, f_z, y * f_z, -x * f_z, x * f_y - y * f_x)
+        shares = [load * w for w in wrench] + [(1.0 - load) * w for w in wrench]
         carried = self._commanded.holding_forces(reference.com_acceleration)
-        return carried[6:] - wrenches @ posture.jacobian[3:15, 6:]
+        return carried[6:] - np.array(shares) @ posture.jacobian[3:15, 6:]
 
 
-_PLANAR = [0, 1, 5]
+_FOOT_INDEX = {side: k for k, side in enumerate(Side)}
 _RECKONING = 5.0  # feedback of the supporting foot to its dead reckoning [1/s]
 _RETURN = 0.1  # time constant of a swinging foot's return to its path [s]
-_ORIGIN = np.array([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])

@@ -1,0 +1,362 @@
+"""A run: a pattern walked on a plant, with its record, figures and files."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import platform
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import metadata
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from .control import WalkingController
+from .errors import RunError
+from .log import Log, save_columns
+from .motion import EmbeddedMotion
+from .pattern import Pattern
+from .plant import Disturbance, PendulumPlant, no_disturbance
+from .reach import check_reach
+from .robot import Robot
+from .settings import Control, SimulatorSettings
+from .simulator import SimulatedRobot
+from .summary import summarize
+from .walk import Outcome, Tick, Watch, walk
+from .whole_body import PointBody, WholeBody
+
+
+@dataclass(frozen=True, eq=False)
+class Run:
+    """What happened when a pattern was walked. Made by `simulate`."""
+
+    outcome: Outcome
+    """How, when and why it ended."""
+    log: Log
+    """One row per control period."""
+    pattern: Pattern
+    """What was to be walked."""
+    seconds: float
+    """Wall-clock time of the whole run [s]."""
+    settings: dict[str, Any]
+    """Everything that the run was made with, as plain numbers and names."""
+    robot: Robot | None = None
+    """The robot; None for the simplified model."""
+    scene: mujoco.MjModel | None = None
+    """The compiled model of the simulation; None for the simplified model."""
+    substeps: int = 1
+    """Physics steps per control period."""
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the run, with units in their names."""
+        figures = summarize(
+            self.log, self.pattern, self.outcome, self.seconds, self.robot
+        )
+        return {**figures, "versions": versions(), "settings": self.settings}
+
+    def plot(self, path: str | Path | None = None) -> Any:
+        """Draw CoM and ZMP over time as in Fig. 7.
+
+        Args:
+            path: Where to write a picture; not written if None.
+
+        Returns:
+            The matplotlib figure.
+
+        Raises:
+            RunError: If the picture cannot be written.
+        """
+        from .plot import plot_run
+
+        return plot_run(self, path)
+
+    def save(self, folder: str | Path) -> Path:
+        """Write summary.json, run.npz, scene.mjb and the figure into a folder.
+
+        Args:
+            folder: Made if it does not exist; files of an earlier run are replaced.
+
+        Returns:
+            The folder.
+
+        Raises:
+            RunError: If it cannot be written.
+        """
+        folder = prepare_folder(folder)
+        columns = {**self.log.columns, "substeps": np.array(self.substeps)}
+        save_columns(folder / "run.npz", columns)
+        if self.scene is not None:
+            mujoco.mj_saveModel(self.scene, str(folder / "scene.mjb"))
+        text = json.dumps(self.summary(), indent=2, allow_nan=False)
+        (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+        self.plot(folder / "walk.png")
+        return folder
+
+
+def prepare_folder(folder: str | Path) -> Path:
+    """Make a folder for a run, before hours are spent on it.
+
+    Args:
+        folder: Its path.
+
+    Returns:
+        The folder, which can be written.
+
+    Raises:
+        RunError: If it cannot be made or written.
+    """
+    path = Path(folder)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / ".comwalk"
+        probe.write_bytes(b"")
+        probe.unlink()
+    except OSError as error:
+        raise RunError(
+            f"cannot write the folder {path}: {error.strerror}; choose another by --out"
+        ) from None
+    return path
+
+
+def versions() -> dict[str, str]:
+    """Return the versions that a run depends on."""
+    names = ("comwalk", "mujoco", "numpy", "scipy")
+    return {n: metadata.version(n) for n in names} | {
+        "python": platform.python_version()
+    }
+
+
+Progress = Callable[[float], None]
+"""Called with the simulated time [s]."""
+
+
+def simulate(
+    robot: Robot,
+    pattern: Pattern,
+    *,
+    control: Control | None = None,
+    motion: EmbeddedMotion | None = None,
+    physics: SimulatorSettings | None = None,
+    watch: Watch | None = None,
+    seed: int = 0,
+    progress: Progress | None = None,
+) -> Run:
+    """Walk a pattern with a robot in MuJoCo.
+
+    Args:
+        robot: The robot.
+        pattern: What to walk.
+        control: The walking controller; the paper's if None.
+        motion: Motion of arms, waist or head, embedded in the CoM Jacobian.
+        physics: Physics step, friction, noise and pushes.
+        watch: When a walk counts as a fall.
+        seed: Seed of the sensor noise.
+        progress: Called now and then with the simulated time.
+
+    Returns:
+        The run. A fall is an outcome, not an error.
+
+    Raises:
+        ParameterError: If the gains are unstable.
+        PlanError: If the plan cannot be walked by this robot.
+    """
+    control = control or Control()
+    control.check(pattern)
+    check_reach(robot, pattern)
+    plant = SimulatedRobot(robot, control.period, physics, seed)
+    body = WholeBody(robot, control.period, motion, control.body)
+    body.start(pattern.at(0.0))
+    plant.place(body.configuration)
+    controller = WalkingController(control.gains, control.settings, control.period)
+    log = Log(_rows(pattern, control.period), plant.snapshot)
+    begin = time.perf_counter()
+    record = _recorder(log, progress)
+    outcome = walk(pattern, controller, body, plant, on_tick=record, watch=watch)
+    return Run(
+        outcome=outcome,
+        log=log,
+        pattern=pattern,
+        seconds=time.perf_counter() - begin,
+        settings={
+            "robot": robot.name,
+            "plant": "robot",
+            "seed": seed,
+            "motion": None if motion is None else motion.motion.name,
+            "control": plain(control),
+            "physics": plain(plant.settings),
+            "pendulum": plain(pattern.pendulum),
+            "plan": plain(pattern.plan),
+        },
+        robot=robot,
+        scene=plant.model,
+        substeps=plant.substeps,
+    )
+
+
+def simulate_pendulum(
+    pattern: Pattern,
+    *,
+    control: Control | None = None,
+    disturbance: Disturbance = no_disturbance,
+    servo_lag: float = 0.02,
+    watch: Watch | None = None,
+    progress: Progress | None = None,
+) -> Run:
+    """Walk a pattern with the simplified model, Eq. (30).
+
+    Args:
+        pattern: What to walk.
+        control: The walking controller; the paper's if None.
+        disturbance: eps and its rate over time.
+        servo_lag: Time constant between u and the CoM's velocity [s].
+        watch: When a walk counts as a fall.
+        progress: Called now and then with the simulated time.
+
+    Returns:
+        The run.
+
+    Raises:
+        ParameterError: If the gains are unstable.
+    """
+    control = control or Control()
+    control.check(pattern)
+    plant = PendulumPlant(
+        pattern.pendulum,
+        period=control.period,
+        servo_lag=servo_lag,
+        disturbance=disturbance,
+    )
+    controller = WalkingController(control.gains, control.settings, control.period)
+    log = Log(_rows(pattern, control.period))
+    begin = time.perf_counter()
+    record = _recorder(log, progress)
+    outcome = walk(pattern, controller, PointBody(), plant, on_tick=record, watch=watch)
+    return Run(
+        outcome=outcome,
+        log=log,
+        pattern=pattern,
+        seconds=time.perf_counter() - begin,
+        settings={
+            "robot": None,
+            "plant": "pendulum",
+            "control": plain(control),
+            "pendulum": plain(pattern.pendulum),
+            "plan": plain(pattern.plan),
+        },
+    )
+
+
+def _rows(pattern: Pattern, period: float) -> int:
+    """Return how many rows a log of the whole pattern has."""
+    return int(pattern.duration / period) + 2
+
+
+def _recorder(log: Log, progress: Progress | None) -> Callable[[Tick], None]:
+    """Return what the loop calls each period."""
+    if progress is None:
+        return log.record
+
+    def record(tick: Tick) -> None:
+        log.record(tick)
+        if len(log) % 50 == 0:
+            progress(tick.reference.time)
+
+    return record
+
+
+def plain(value: Any) -> Any:
+    """Return settings as plain dictionaries, lists, numbers and names.
+
+    Args:
+        value: A dataclass, or anything in one.
+
+    Returns:
+        The same, ready for JSON.
+    """
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        names = [f.name for f in dataclasses.fields(value)]
+        return {name: plain(getattr(value, name)) for name in names}
+    if isinstance(value, (list, tuple)):
+        return [plain(item) for item in value]
+    if isinstance(value, dict):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, (np.floating, np.integer)):
+        return value.item()
+    if isinstance(value, float) and not np.isfinite(value):
+        return str(value)
+    return value
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """How well a recorded run was got back from its model and set-points alone."""
+
+    ticks: int
+    """Rows replayed."""
+    position_difference: float
+    """Largest difference of qpos [m, rad]."""
+    velocity_difference: float
+    """Largest difference of qvel [m/s, rad/s]."""
+
+
+def replay(folder: str | Path) -> Replay:
+    """Replay a saved run with MuJoCo alone: first state, then the set-points.
+
+    Args:
+        folder: A folder that `Run.save` wrote.
+
+    Returns:
+        The largest differences from the record.
+
+    Raises:
+        RunError: If the folder is not such a run.
+    """
+    model, columns = load_recording(folder)
+    data, substeps = mujoco.MjData(model), int(columns["substeps"])
+    qpos, qvel, ctrl = (columns[name] for name in ("qpos", "qvel", "ctrl"))
+    data.qpos[:], data.qvel[:] = qpos[0], qvel[0]
+    if model.na:
+        data.act[:] = columns["act"][0]
+    worst_q = worst_v = 0.0
+    for k in range(len(qpos)):
+        worst_q = max(worst_q, float(np.abs(data.qpos - qpos[k]).max()))
+        worst_v = max(worst_v, float(np.abs(data.qvel - qvel[k]).max()))
+        data.ctrl[:] = ctrl[k]
+        if "xfrc_applied" in columns:
+            data.xfrc_applied[:] = columns["xfrc_applied"][k]
+        mujoco.mj_step(model, data, substeps)
+    return Replay(len(qpos), worst_q, worst_v)
+
+
+def load_recording(folder: str | Path) -> tuple[mujoco.MjModel, dict[str, np.ndarray]]:
+    """Load the model and the columns of a saved run.
+
+    Args:
+        folder: A folder that `Run.save` wrote.
+
+    Returns:
+        The compiled model, and run.npz as arrays by name.
+
+    Raises:
+        RunError: If a file is missing or broken, or the run had no robot.
+    """
+    path = Path(folder)
+    for name in ("run.npz", "scene.mjb"):
+        if not (path / name).is_file():
+            raise RunError(f"{path} is not a run of a robot: it has no {name}")
+    try:
+        with np.load(path / "run.npz", allow_pickle=False) as file:
+            columns = dict(file)
+        model = mujoco.MjModel.from_binary_path(str(path / "scene.mjb"))
+    except (OSError, ValueError, EOFError, mujoco.FatalError) as error:
+        raise RunError(f"{path} is broken: {' '.join(str(error).split())}") from None
+    missing = {"qpos", "qvel", "ctrl", "substeps"} - set(columns)
+    if missing:
+        raise RunError(f"{path}/run.npz lacks {', '.join(sorted(missing))}")
+    return model, columns

@@ -1,0 +1,113 @@
+"""The settings of a run: what a user may change, checked where it enters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+from .control import ControlSettings, Gains, check_gains
+from .errors import ParameterError, checked_number
+from .pattern import Pattern
+from .stability import SampledLoop
+
+
+@dataclass(frozen=True, kw_only=True)
+class Push:
+    """A force on the trunk for a while."""
+
+    start: float
+    """When it begins [s]."""
+    force: tuple[float, float, float]
+    """Force [N], world."""
+    duration: float = 0.1
+    """How long it lasts [s]."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ParameterError: If a value is not finite or a time is negative.
+        """
+        checked_number("push start", self.start, unit="s", low=0)
+        checked_number("push duration", self.duration, unit="s", low=0, open_low=True)
+        if len(self.force) != 3:
+            raise ParameterError(f"push force needs x,y,z in N, got {self.force}")
+        for value in self.force:
+            checked_number("push force", value, unit="N", low=-1e5, high=1e5)
+
+
+@dataclass(frozen=True, kw_only=True)
+class SimulatorSettings:
+    """Physics of the simulated robot."""
+
+    timestep: float = 0.001
+    """Physics step [s], in [1e-4, 0.005]."""
+    friction: float = 1.0
+    """Sliding friction of the floor [-], in [0, 10]."""
+    noise: float = 0.0
+    """Sensor noise, as a factor on 1e-4 rad (encoders), 5 N and 0.2 N m (ankle
+    sensors), in [0, 100]."""
+    pushes: tuple[Push, ...] = field(default=())
+    """Forces on the trunk."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ParameterError: If a value is out of range.
+        """
+        checked_number(
+            "simulator.timestep", self.timestep, unit="s", low=1e-4, high=0.005
+        )
+        checked_number("simulator.friction", self.friction, low=0, high=10)
+        checked_number("simulator.noise", self.noise, low=0, high=100)
+
+
+@dataclass(frozen=True, kw_only=True)
+class BodySettings:
+    """How the whole body follows its commands."""
+
+    feedback: float = 20.0
+    """Feedback on every Cartesian row against drift (CLIK) [1/s], in [0, 100]."""
+    deflection_compensation: bool = True
+    """Whether set-points lead by the servo deflection that the plan implies."""
+    embed_motion: bool = True
+    """Whether the resolution knows of the embedded motion; False is for comparison:
+    the arms dance, and the legs do not know."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ParameterError: If the feedback is out of range.
+        """
+        checked_number("body.feedback", self.feedback, unit="1/s", low=0, high=100)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Control:
+    """The walking controller: gains, filter and bounds, and how the body follows."""
+
+    gains: Gains = field(default_factory=Gains)
+    """Gains of Eq. (31)."""
+    settings: ControlSettings = field(default_factory=ControlSettings)
+    """ZMP filter, delay and bounds."""
+    body: BodySettings = field(default_factory=BodySettings)
+    """Feedback and compensation of the whole body."""
+    period: float = 0.002
+    """Control period [s]."""
+
+    def check(self, pattern: Pattern) -> None:
+        """Refuse unstable gains.
+
+        Args:
+            pattern: Uses its pendulum.
+
+        Raises:
+            ParameterError: If the ideal or the sampled loop is unstable.
+        """
+        loop = SampledLoop(
+            period=self.period,
+            zmp_cutoff=self.settings.zmp_cutoff,
+            delay=self.settings.delay + 1,
+        )
+        check_gains(self.gains, pattern.pendulum, loop)

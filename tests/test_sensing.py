@@ -43,7 +43,7 @@ def test_signs_of_the_moment():
 
 
 def test_a_horizontal_force_above_the_ground():
-    """A sensor at 0.08 m that feels 50 N forward has its ZMP 8 mm ahead... or behind.
+    """A sensor at 0.08 m that feels 50 N forward has its ZMP 8 mm behind it.
 
     About the ground point below it, the force makes the moment z f_x about y.
     """

@@ -5,7 +5,7 @@ All are drawn with matplotlib's objects, without its global state.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
+from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch, Polygon
 
 from .errors import RunError
@@ -33,7 +33,7 @@ _BLUE, _ORANGE, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#B0609A"
 _SKY, _YELLOW, _BROWN, _INK, _GREY = "#56B4E9", "#E69F00", "#7A4A21", "#222222", "#777"
 _CYCLE = (_BLUE, _ORANGE, _GREEN, _PURPLE, _YELLOW, _SKY, _BROWN, _INK, _GREY)
 _SINGLES = {Phase.SINGLE_LEFT: "#E3EEF8", Phase.SINGLE_RIGHT: "#FBEBDD"}
-_STYLE = {
+_STYLE: dict[Any, Any] = {
     "figure.facecolor": "white",
     "font.family": "DejaVu Sans",
     "font.size": 10.0,
@@ -85,10 +85,29 @@ class Row(NamedTuple):
 
 
 @contextmanager
-def _figure(width: float, height: float) -> Iterator[Figure]:
-    """Make a figure of a size [inch], in the style of all figures."""
+def _page(
+    width: float, height: float, table: Sequence[Row] = ()
+) -> Generator[tuple[Figure, Figure | SubFigure]]:
+    """Make a figure in the style of all figures.
+
+    Args:
+        width: Width [inch].
+        height: Height without the table [inch].
+        table: Rows of a table below, if any.
+
+    Yields:
+        The figure, and the part of it above the table to draw on.
+    """
     with matplotlib.rc_context(_STYLE):
-        yield Figure(figsize=(width, height), layout="constrained")
+        low = 0.23 * (len(table) + 1.5) if table else 0.0
+        figure = Figure(figsize=(width, height + low), layout="constrained")
+        if not table:
+            yield figure, figure
+            return
+        parts: Any = figure.subfigures(2, 1, height_ratios=[height, low])
+        page, foot = parts
+        _add_table(foot, table)
+        yield figure, page
 
 
 def write_figure(figure: Figure, path: str | Path | None) -> Figure:
@@ -120,38 +139,23 @@ def write_figure(figure: Figure, path: str | Path | None) -> Figure:
     return figure
 
 
-def add_table(figure: Figure, rows: Sequence[Row]) -> Figure:
-    """Add a small table below a figure: what the paper states, and ours.
-
-    Args:
-        figure: A figure of this module; it grows by the table's height.
-        rows: The quantities.
-
-    Returns:
-        The same figure.
-    """
-    width, height = figure.get_size_inches()
-    extra = 0.24 * (len(rows) + 1) + 0.2
-    total = height + extra
-    figure.set_size_inches(width, total)
-    engine = figure.get_layout_engine()
-    if engine is not None:
-        engine.set(rect=(0.0, extra / total, 1.0, height / total))  # type: ignore
-    lines = [Row("", "paper", "comwalk"), *rows]
-    for k, row in enumerate(lines):
-        y = (extra - 0.1 - 0.24 * (k + 0.5)) / total
-        style: dict[str, Any] = {"fontsize": 9.5, "va": "center", "in_layout": False}
-        style |= {"color": _GREY if k == 0 else _INK, "math_fontfamily": "stix"}
+def _add_table(panel: SubFigure, rows: Sequence[Row]) -> None:
+    """Write what the paper states, and ours, as a small table."""
+    style: dict[str, Any] = {"fontsize": 9.5, "math_fontfamily": "stix"}
+    for k, row in enumerate([Row("", "paper", "comwalk"), *rows]):
+        y = 1.0 - (k + 0.5) / (len(rows) + 1.5)
+        color = _GREY if k == 0 else _INK
         cells = (row.quantity, row.paper, f"{row.ours} {row.unit}".strip())
-        for x, text in zip((0.07, 0.55, 0.72), cells, strict=True):
-            figure.text(x, y, text, **style)
-    return figure
+        for x, text in zip((0.06, 0.56, 0.74), cells, strict=True):
+            panel.text(x, y, text, va="center", color=color, **style)
 
 
 # ---- Fig. 7: a walk ---------------------------------------------------------------
 
 
-def plot_run(run: Run, path: str | Path | None = None) -> Figure:
+def plot_run(
+    run: Run, path: str | Path | None = None, *, table: Sequence[Row] = ()
+) -> Figure:
     """Draw CoM and ZMP of a run, desired and actual, as in Fig. 7.
 
     Above, x and y over time with the supporting foot shaded; below, the errors in mm.
@@ -160,6 +164,7 @@ def plot_run(run: Run, path: str | Path | None = None) -> Figure:
     Args:
         run: What `simulate` returned.
         path: Where to write a picture; not written if None.
+        table: Rows of a small table to write below.
 
     Returns:
         The figure.
@@ -168,8 +173,8 @@ def plot_run(run: Run, path: str | Path | None = None) -> Figure:
         RunError: If the picture cannot be written.
     """
     detail = _detail(run)
-    with _figure(12.0 if detail else 9.0, 9.2) as figure:
-        axes = figure.subplots(
+    with _page(12.0 if detail else 9.0, 9.2, table) as (figure, page):
+        axes = page.subplots(
             4,
             2 if detail else 1,
             sharex="col",
@@ -179,9 +184,9 @@ def plot_run(run: Run, path: str | Path | None = None) -> Figure:
         )
         for column, span in zip(axes.T, [None, detail], strict=False):
             _run_column(column, run, span)
-        figure.suptitle(_run_title(run), x=0.01, ha="left", fontsize=11.5)
-        _run_legend(figure, axes[0, 0])
-        figure.align_ylabels(axes)
+        page.suptitle(_run_title(run), x=0.01, ha="left", fontsize=11.5)
+        _run_legend(page, axes[0, 0])
+        page.align_ylabels(axes)
     return write_figure(figure, path)
 
 
@@ -221,22 +226,15 @@ def _run_column(
 
 def _com_and_zmp(ax: Axes, run: Run, i: int, rows: slice) -> None:
     """Draw CoM and ZMP of one axis."""
-    log, n, t = run.log, _AXES[i], run.log["t"][rows]
-    ax.plot(t, log["zmp_filtered"][rows, i], color=_ORANGE, label=f"$p_{n}$", lw=1.3)
-    ax.plot(t, log["com"][rows, i], color=_BLUE, label=f"$c_{n}$", lw=1.8)
-    if "com_true" in log:
-        true = log["com_true"][rows, i]
-        ax.plot(t, true, color=_SKY, label=f"$c_{n}$ true", lw=1.3)
-    dashed: dict[str, Any] = {"ls": (0, (4, 2)), "lw": 1.0}
-    ax.plot(t, log["zmp_ref"][rows, i], color="#7A3300", label=f"$p_{n}^d$", **dashed)
-    ax.plot(t, log["com_ref"][rows, i], color="#00304D", label=f"$c_{n}^d$", **dashed)
-    ax.set_ylabel(f"{n} [m]")
-    ends = [
-        log[c][rows, i] for c in ("zmp_ref", "com_ref", "com", "com_true") if c in log
-    ]
-    low, high = min(a.min() for a in ends), max(a.max() for a in ends)
-    pad = 0.25 * (high - low) + 0.01
-    if np.isfinite([low, high]).all():
+    log, t = run.log, run.log["t"][rows]
+    for column, style in _LINES.items():
+        if column in log:
+            ax.plot(t, log[column][rows, i], **style)
+    ax.set_ylabel(f"{_AXES[i]} [m]")
+    known = [log[c][rows, i] for c in ("zmp_ref", "com_ref", "com")]
+    low, high = np.min(known), np.max(known)
+    pad = 0.1 * (high - low) + 0.015
+    if np.isfinite(pad):
         ax.set_ylim(low - pad, high + pad)
 
 
@@ -276,12 +274,12 @@ def _run_title(run: Run) -> str:
     )
 
 
-def _run_legend(figure: Figure, ax: Axes) -> None:
+def _run_legend(page: Figure | SubFigure, ax: Axes) -> None:
     """Put one legend for both axes below the panels."""
     handles, labels = ax.get_legend_handles_labels()
     handles += [Patch(color=_SINGLES[phase]) for phase in _SINGLES]
     labels += ["left foot", "right foot supports"]
-    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    page.legend(handles, labels, loc="outside lower center", ncols=len(labels))
 
 
 # ---- Fig. 3: the pattern ----------------------------------------------------------
@@ -296,14 +294,18 @@ class _Steps(NamedTuple):
     T: float  # [s]
     t_d: float  # [s]
     side: float  # +1 if the left foot supports first
+    K: np.ndarray | None  # (K_x, K_y) [m], if the ZMP of double support has them
 
 
-def plot_pattern(pattern: Pattern, path: str | Path | None = None) -> Figure:
+def plot_pattern(
+    pattern: Pattern, path: str | Path | None = None, *, table: Sequence[Row] = ()
+) -> Figure:
     """Draw a pattern: two steps in the middle as in Fig. 3, and the footprints.
 
     Args:
         pattern: What to draw.
         path: Where to write a picture; not written if None.
+        table: Rows of a small table to write below.
 
     Returns:
         The figure.
@@ -312,11 +314,14 @@ def plot_pattern(pattern: Pattern, path: str | Path | None = None) -> Figure:
         RunError: If the picture cannot be written.
     """
     samples = pattern.sample(np.linspace(0.0, pattern.duration, 2000))
+    extent = np.ptp(np.concatenate([samples.left, samples.right])[:, :2], axis=0) + 0.3
+    above = float(np.clip(9.5 * extent[1] / extent[0], 1.0, 6.5)) + 0.8
     steps = _middle_steps(pattern)
-    with _figure(10.5, 6.4 if steps is not None else 3.4) as figure:
-        rows = [["x", "y"], ["top", "top"]] if steps is not None else [["top"]]
-        axes = figure.subplot_mosaic(rows, height_ratios=[1.2, 1.0][: len(rows)])
-        _top_view(axes["top"], pattern, samples.com, samples.zmp)
+    rows = ["t"] if steps is None else ["xy", "tt"]
+    heights = [3.4, above][-len(rows) :]
+    with _page(10.5, sum(heights), table) as (figure, page):
+        axes = page.subplot_mosaic(";".join(rows), height_ratios=heights)
+        _top_view(axes["t"], pattern, samples.com, samples.zmp)
         if steps is not None:
             _step_x(axes["x"], steps)
             _step_y(axes["y"], steps)
@@ -329,7 +334,10 @@ def _middle_steps(pattern: Pattern) -> _Steps | None:
     swings = [k for k, span in enumerate(spans) if span.phase in _SINGLES]
     if not swings:
         return None
-    k = swings[max(len(swings) // 2 - 1, 0)]
+    k = max(len(swings) // 2 - 1, 0)
+    if spans[swings[k]].phase is not Phase.SINGLE_LEFT and k + 2 < len(swings):
+        k += 1  # as in the paper, the left foot first
+    k = swings[k]
     before, single = spans[k - 1], spans[k]
     t_d = before.duration / 2
     T = single.duration + 2 * t_d
@@ -341,7 +349,10 @@ def _middle_steps(pattern: Pattern) -> _Steps | None:
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     side = 1.0 if single.phase is Phase.SINGLE_LEFT else -1.0
     com = (samples.com[:, :2] - origin) @ turn.T
-    return _Steps(t, com, (samples.zmp - origin) @ turn.T, T, t_d, side)
+    K = None
+    if pattern.plan.double_support == "paper":
+        K = turn @ (pattern.at(single.start).com[:2] - origin)
+    return _Steps(t, com, (samples.zmp - origin) @ turn.T, T, t_d, side, K)
 
 
 def _step_x(ax: Axes, steps: _Steps) -> None:
@@ -349,9 +360,10 @@ def _step_x(ax: Axes, steps: _Steps) -> None:
     t, T, t_d = steps.t, steps.T, steps.t_d
     one = t <= T + 1e-9
     _step_lines(ax, steps, 0, one)
-    B, K_x = (float(np.interp(s, t, steps.zmp[:, 0])) for s in (T / 2, 0.999 * t_d))
-    _level(ax, B, f"$B$ = {B:.3g} m")
-    _level(ax, K_x, f"$K_x$ = {1e3 * K_x:.2f} mm")
+    B = float(np.interp(T / 2, t, steps.zmp[:, 0]))
+    _level(ax, B, f"$B$ = {1e3 * B:.4g} mm", 0.87)
+    if steps.K is not None:
+        _level(ax, steps.K[0], f"$K_x$ = {1e3 * steps.K[0]:.2f} mm", 0.87)
     _times(ax, {"$t_d$": t_d, "$T-t_d$": T - t_d, "$T$": T})
     ax.set_title("x over one step")
     ax.set_ylabel("x [m]")
@@ -362,9 +374,10 @@ def _step_y(ax: Axes, steps: _Steps) -> None:
     """Draw y over two steps, with A and K_y as in Fig. 3."""
     t, T, t_d = steps.t, steps.T, steps.t_d
     _step_lines(ax, steps, 1, slice(None))
-    A, K_y = (float(np.interp(s, t, steps.zmp[:, 1])) for s in (T / 2, 0.999 * t_d))
-    _level(ax, A, f"$A$ = {abs(A):.3g} m")
-    _level(ax, K_y, f"$K_y$ = {1e3 * abs(K_y):.2f} mm")
+    A = float(np.interp(T / 2, t, steps.zmp[:, 1]))
+    _level(ax, A, f"$A$ = {1e3 * abs(A):.4g} mm", 1.0)
+    if steps.K is not None:
+        _level(ax, steps.K[1], f"$K_y$ = {1e3 * abs(steps.K[1]):.2f} mm", 1.0)
     _times(ax, {"$t_d$": t_d, "$T$": T} | ({"$2T$": 2 * T} if t[-1] > 1.5 * T else {}))
     ax.set_title("y over two steps")
     ax.set_ylabel("y [m]")
@@ -389,12 +402,12 @@ def _step_lines(ax: Axes, steps: _Steps, i: int, rows: Any) -> None:
     ax.set_xlim(0.0, float(t[-1]))
 
 
-def _level(ax: Axes, value: float, text: str) -> None:
-    """Mark a height with its name at the right."""
+def _level(ax: Axes, value: float, text: str, place: float) -> None:
+    """Mark a height with its name, which ends at a part of the width."""
     ax.axhline(value, color=_GREY, lw=0.8, ls=":")
     ax.annotate(
         text,
-        (1.0, value),
+        (place, value),
         xycoords=("axes fraction", "data"),
         xytext=(-3, 3),
         textcoords="offset points",
@@ -405,9 +418,8 @@ def _level(ax: Axes, value: float, text: str) -> None:
 
 def _times(ax: Axes, marks: dict[str, float]) -> None:
     """Mark times by name on the axis."""
-    names = {"0": 0.0, **marks}
-    ax.set_xticks(list(names.values()), [f"{n}\n{v:g}" for n, v in names.items()])
-    ax.get_xticklabels()[0].set_text("0")
+    labels = ["0", *(f"{name}\n{time:g}" for name, time in marks.items())]
+    ax.set_xticks([0.0, *marks.values()], labels, math_fontfamily="stix")
     ax.set_xlabel("t [s]")
 
 
@@ -421,7 +433,7 @@ def _top_view(ax: Axes, pattern: Pattern, com: np.ndarray, zmp: np.ndarray) -> N
             ax.add_patch(Polygon(sole, closed=True, **style))
     ax.plot(*zmp.T, color=_ORANGE, ls=_DASHED, lw=1.0, label="ZMP $p^d$")
     ax.plot(*com[:, :2].T, color=_BLUE, lw=1.6, label="CoM $c^d$")
-    ax.set_aspect("equal", adjustable="datalim")
+    ax.set_aspect("equal", adjustable="box")
     ax.set_title(
         f"Seen from above: {pattern.plan.count} steps, {pattern.duration:.4g} s"
     )
@@ -432,12 +444,18 @@ def _top_view(ax: Axes, pattern: Pattern, com: np.ndarray, zmp: np.ndarray) -> N
 # ---- Figs. 5 and 6: a dance -------------------------------------------------------
 
 
-def plot_arms(source: EmbeddedMotion | Run, path: str | Path | None = None) -> Figure:
+def plot_arms(
+    source: EmbeddedMotion | Run,
+    path: str | Path | None = None,
+    *,
+    table: Sequence[Row] = (),
+) -> Figure:
     """Draw the joints of the arms over time, as in Fig. 5.
 
     Args:
         source: A motion as it will be played; or a run, whose set-points are dashed.
         path: Where to write a picture; not written if None.
+        table: Rows of a small table to write below.
 
     Returns:
         The figure.
@@ -451,8 +469,8 @@ def plot_arms(source: EmbeddedMotion | Run, path: str | Path | None = None) -> F
     for joint in curves:
         side = _SIDES.get(joint.lower()[:2], "waist and head")
         groups.setdefault(side, []).append(joint)
-    with _figure(9.0, 0.6 + 2.2 * len(groups)) as figure:
-        axes = figure.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0]
+    with _page(9.0, 0.6 + 2.2 * len(groups), table) as (figure, page):
+        axes = page.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0]
         for ax, side in zip(axes, sorted(groups), strict=True):
             for color, joint in zip(_CYCLE * 9, groups[side], strict=False):
                 actual, desired = curves[joint]
@@ -462,7 +480,8 @@ def plot_arms(source: EmbeddedMotion | Run, path: str | Path | None = None) -> F
             ax.set_title(side)
             ax.set_ylabel("angle [rad]")
             ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=9)
-        axes[-1].set_xlabel("t [s]")
+        dashed = "" if embedded else "; dashed: set-points"
+        axes[-1].set_xlabel(f"t [s]{dashed}")
         axes[-1].set_xlim(float(t[0]), float(t[-1]))
     return write_figure(figure, path)
 
@@ -498,7 +517,11 @@ def _run_joints(run: Run) -> tuple[np.ndarray, _Curves]:
 
 
 def plot_dance(
-    run: Run, path: str | Path | None = None, *, without: Run | None = None
+    run: Run,
+    path: str | Path | None = None,
+    *,
+    without: Run | None = None,
+    table: Sequence[Row] = (),
 ) -> Figure:
     """Draw how far CoM and ZMP leave their place in a dance, as in Fig. 6.
 
@@ -506,6 +529,7 @@ def plot_dance(
         run: The dance.
         path: Where to write a picture; not written if None.
         without: The same dance with a resolution that ignores the arms, to compare.
+        table: Rows of a small table to write below.
 
     Returns:
         The figure.
@@ -513,46 +537,40 @@ def plot_dance(
     Raises:
         RunError: If the picture cannot be written.
     """
-    with _figure(9.0, 6.6) as figure:
-        axes = figure.subplots(2, 1, sharex=True)
-        for i, ax in enumerate(axes):
-            ax.axhspan(-10.0, 10.0, color="#EEF3EE", lw=0, zorder=0)
-            ax.text(
-                0.004,
-                10.0,
-                "paper: $\\pm$10 mm",
-                va="bottom",
-                color=_GREY,
-                fontsize=9,
-                transform=ax.get_yaxis_transform(),
-            )
+    with _page(9.0, 7.0, table) as (figure, page):
+        x, y, z = page.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.0, 0.5))
+        y.sharey(x)
+        for i, ax in enumerate((x, y, z)):
             if without is not None:
-                _offsets(ax, without, i, (_YELLOW, _PURPLE), " ignoring the arms")
+                _offsets(ax, without, i, (_YELLOW, _PURPLE), ", ignoring the arms")
             _offsets(ax, run, i, (_ORANGE, _BLUE), "")
-            ax.set_ylabel(f"{_AXES[i]} from the start [mm]")
-        axes[-1].set_xlabel("t [s]")
-        axes[-1].set_xlim(0.0, float(run.log["t"][-1]))
-        figure.suptitle(f"Dance: {run.outcome}", x=0.01, ha="left", fontsize=11.5)
-        handles, labels = axes[0].get_legend_handles_labels()
-        order = sorted(range(len(labels)), key=lambda k: "ignoring" in labels[k])
-        figure.legend(
-            [handles[k] for k in order],
-            [labels[k] for k in order],
-            loc="outside lower center",
-            ncols=4,
-        )
+            ax.set_ylabel(f"{'xyz'[i]} - start [mm]")
+        for ax in (x, y):
+            _paper_band(ax)
+        z.set_xlabel("t [s]")
+        z.set_xlim(0.0, float(run.log["t"][-1]))
+        low, high = z.get_ylim()
+        z.set_ylim(min(low, -1.0), max(high, 1.0))
+        page.suptitle(f"Dance: {run.outcome}", x=0.01, ha="left", fontsize=11.5)
+        page.legend(*x.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+        page.align_ylabels((x, y, z))
     return write_figure(figure, path)
+
+
+def _paper_band(ax: Axes) -> None:
+    """Shade the bounds that the paper states for the ZMP of its dance."""
+    ax.axhspan(-10.0, 10.0, color="#EEF3EE", lw=0, zorder=0)
+    place = ax.get_yaxis_transform()
+    text = "paper: ZMP within about $\\pm$10 mm"
+    ax.text(0.004, 10.2, text, va="bottom", color=_GREY, fontsize=9, transform=place)
 
 
 def _offsets(ax: Axes, run: Run, i: int, colors: tuple[str, str], label: str) -> None:
     """Draw CoM and ZMP of one axis from where the CoM began [mm]."""
-    log = run.log
+    log, start = run.log, run.log["com_ref"][0, i]
     com = "com_true" if "com_true" in log else "com"
-    style: dict[str, Any] = {"lw": 1.1, "ls": "-"}
-    for column, color, name in (
-        ("zmp_filtered", colors[0], "ZMP"),
-        (com, colors[1], "CoM"),
-    ):
-        offset = 1e3 * (log[column][:, i] - log["com_ref"][0, i])
-        ax.plot(log["t"], offset, color=color, label=name + label, **style)
-        style["lw"] = 1.8
+    if i < 2:
+        zmp = 1e3 * (log["zmp_filtered"][:, i] - start)
+        ax.plot(log["t"], zmp, color=colors[0], lw=1.2, label=f"ZMP{label}")
+    offset = 1e3 * (log[com][:, i] - start)
+    ax.plot(log["t"], offset, color=colors[1], lw=1.8, label=f"CoM{label}")

@@ -214,7 +214,7 @@ def build_scene(robot: Robot, settings: SimulatorSettings) -> mujoco.MjModel:
         The compiled model. Its joints are in the order of the robot's.
     """
     spec = robot.spec.copy()
-    for geom in spec.geoms:  # the larger friction of two counts, so lower the soles'
+    for geom in spec.geoms:  # soles may have priority over the floor: both must slip
         geom.friction[0] = min(geom.friction[0], settings.friction)
     spec.option.timestep = settings.timestep
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST

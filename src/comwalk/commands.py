@@ -1,0 +1,602 @@
+"""What the commands do: read the configuration, run, print a short table."""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import inspect
+import json
+import textwrap
+import types
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import datetime
+from itertools import pairwise
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
+
+import numpy as np
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+from .config import (
+    DanceConfig,
+    PatternConfig,
+    RobotConfig,
+    Setup,
+    WalkConfig,
+    build_dance,
+    build_walk,
+    command_line,
+    fields_of,
+    make_config,
+    table_of,
+)
+from .errors import ParameterError, RunError
+from .footsteps import plan_steps
+from .motion import BUILTIN_MOTIONS, builtin_motion, load_motion
+from .pattern import coefficients, make_pattern, transfer_zmp
+
+if TYPE_CHECKING:
+    from .run import Run
+
+LARGEST_REPLAY_ERROR = 1e-6
+"""Largest difference of a replay from its record [m, rad]."""
+
+
+# ---- Flags ------------------------------------------------------------------------
+
+
+def _flags_of(kind: type, skipped: tuple[str, ...] = ()) -> type:
+    """Return a dataclass of flags that mirrors one of settings; None means not given.
+
+    Its help texts are the docstrings of the fields.
+    """
+    texts, defaults = _field_texts(kind), kind()
+    rows: list[tuple[str, Any, Any]] = []
+    for name, hint in fields_of(kind).items():
+        if name in skipped:
+            continue
+        default = getattr(defaults, name)
+        text = texts.get(name, "")
+        if dataclasses.is_dataclass(hint):
+            flags = _flags_of(hint)
+            rows.append((name, flags, dataclasses.field(default_factory=flags)))
+        else:
+            note = Parameter(help=text + _shown(default), **_parsing(hint))
+            flag = Annotated[_hint(hint), note]
+            rows.append((name, flag, dataclasses.field(default=None)))
+    mirror = dataclasses.make_dataclass(f"{kind.__name__}Flags", rows, kw_only=True)
+    mirror.__module__ = __name__
+    return mirror
+
+
+def _field_texts(kind: type) -> dict[str, str]:
+    """Return the docstring under each field of a dataclass and its bases."""
+    texts: dict[str, str] = {}
+    for base in reversed(kind.__mro__[:-1]):
+        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+        for field, text in pairwise(getattr(tree, "body", ())):
+            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
+                words = ast.literal_eval(text.value).split()
+                texts[ast.unparse(field.target)] = " ".join(words)
+    return texts
+
+
+def _shown(default: Any) -> str:
+    """Return a default value for a help text."""
+    if default is None or default is False or default == ():
+        return ""
+    text = (
+        ", ".join(f"{x:g}" for x in default) if isinstance(default, tuple) else default
+    )
+    return f" (default {str(text).lower() if default is True else text})"
+
+
+def _hint(hint: Any) -> Any:
+    """Return the type of a flag: that of the field, or None when not given."""
+    if get_origin(hint) is tuple and get_args(hint)[-1] is Ellipsis:
+        return list[str] | None
+    return Any if _is_pair(hint) else hint | None
+
+
+def _is_pair(hint: Any) -> bool:
+    """Return whether a field holds a pair of numbers, or none."""
+    options = get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
+    return any(get_args(option) == (float, float) for option in options)
+
+
+def _parsing(hint: Any) -> dict[str, Any]:
+    """Return how the words of a flag are read."""
+    if _is_pair(hint):
+        return {"converter": _read_pair, "n_tokens": 1, "negative": ()}
+    return {} if bool in (hint, *get_args(hint)) else {"negative": ()}
+
+
+def _read_pair(hint: Any, tokens: Any) -> tuple[float, ...]:
+    """Return the numbers of "3" or "3,1.8"."""
+    token = tokens[0]
+    try:
+        numbers = tuple(float(word) for word in token.value.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) not in (1, 2):
+        raise ParameterError(
+            f'{token.keyword} must be one number or two (3 or "3 1.8"), '
+            f'got "{token.value}"'
+        )
+    return numbers * 2 if len(numbers) == 1 else numbers
+
+
+def _given(flags: Any) -> dict[str, Any]:
+    """Return the flags that were given, with tables for groups."""
+    given: dict[str, Any] = {}
+    for name, value in vars(flags).items():
+        if dataclasses.is_dataclass(value):
+            value = _given(value) or None
+        if value is not None:
+            given[name] = tuple(value) if isinstance(value, list) else value
+    return given
+
+
+_WalkFlags = _flags_of(WalkConfig, ("robot",))
+_DanceFlags = _flags_of(DanceConfig, ("robot",))
+_PatternFlags = _flags_of(PatternConfig)
+
+_Robot = Annotated[
+    str | None,
+    Parameter(help="Built-in robot, or path of an MJCF file (default paper)."),
+]
+_File = Annotated[
+    Path | None,
+    Parameter(help="TOML file with the same keys, or summary.json of an earlier run."),
+]
+_MotionFile = Annotated[
+    str | None, Parameter(help="CSV or NPZ file of joint angles to describe.")
+]
+_Json = Annotated[
+    bool, Parameter(help="Print one JSON object instead of a table.", negative=())
+]
+
+
+def _with_flags(kind: type) -> Callable[[Callable], Callable]:
+    """Give a command's parameter `flags` its type, which is made at run time."""
+
+    def decorate(function: Callable) -> Callable:
+        flat = Annotated[kind, Parameter(name="*")]
+        function.__annotations__["flags"] = flat
+        function.__kwdefaults__["flags"] = kind()
+        return function
+
+    return decorate
+
+
+# ---- Commands ---------------------------------------------------------------------
+
+
+@_with_flags(_WalkFlags)
+def walk(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -> int:
+    """Walk in physics: with no arguments the paper's gait, 20 steps.
+
+    Exit code 0 if the walk was completed, 1 if the robot fell or was stopped.
+    """
+    given = _given(flags) | ({} if robot is None else {"robot": robot})
+    settings = make_config(WalkConfig, given, config)
+    setup = build_walk(settings)
+    words = command_line("walk", given, config)
+    return _perform(settings, setup, "walk", words, settings.eps)
+
+
+@_with_flags(_DanceFlags)
+def dance(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -> int:
+    """Dance with both feet on the ground (Fig. 6).
+
+    Exit code 0 if the dance was completed, 1 if the robot fell or was stopped.
+    """
+    given = _given(flags) | ({} if robot is None else {"robot": robot})
+    settings = make_config(DanceConfig, given, config)
+    words = command_line("dance", given, config)
+    return _perform(settings, build_dance(settings), "dance", words)
+
+
+@_with_flags(_PatternFlags)
+def pattern(*, flags: Any = None, config: _File = None) -> int:
+    """Print the numbers of the walking pattern, Eqs. (4)-(13); Fig. 3 with --out."""
+    settings = make_config(PatternConfig, _given(flags), config)
+    numbers = _pattern_numbers(settings)
+    if settings.out is not None:
+        from .plot import plot_pattern
+        from .run import prepare_folder
+
+        walked = make_pattern(
+            plan_steps(settings.gait, settings.steps), settings.pendulum
+        )
+        picture = prepare_folder(settings.out) / "pattern.png"
+        plot_pattern(walked, picture)
+        numbers["picture"] = str(picture)
+    if settings.json:
+        _print_json(numbers)
+    else:
+        rows = [(_PATTERN_ROWS.get(k, k), _number(v)) for k, v in numbers.items()]
+        _print_table("", ("", ""), rows)
+    return 0
+
+
+_PATTERN_ROWS = {
+    "omega_rad_s": "omega_n, Eq. (3) [rad/s]",
+    "K_x_m": "K_x, Eq. (8) [m]",
+    "K_y_m": "K_y, Eq. (13) [m]",
+    "C_x1_m": "C_x1, Eq. (6) [m]",
+    "C_x2_m": "C_x2, Eq. (7) [m]",
+    "C_y1_m": "C_y1, Eq. (11) [m]",
+    "C_y2_m": "C_y2, Eq. (12) [m]",
+    "zmp_jump_x_m": "ZMP jump at lift and landing, x [m]",
+    "zmp_jump_y_m": "ZMP jump at lift and landing, y [m]",
+    "speed_m_s": "walking speed, 2 B / T [m/s]",
+    "picture": "picture",
+}
+
+
+def _pattern_numbers(settings: PatternConfig) -> dict[str, Any]:
+    """Return the numbers of a regular walk."""
+    gait, omega = settings.gait, settings.pendulum.omega
+    K_x, K_y = transfer_zmp(gait, omega)
+    factors = coefficients(gait, omega)._asdict()
+    return {
+        "omega_rad_s": omega,
+        "K_x_m": K_x,
+        "K_y_m": K_y,
+        **{f"{name}_m": value for name, value in factors.items()},
+        "zmp_jump_x_m": gait.half_step - K_x,
+        "zmp_jump_y_m": gait.half_width - K_y,
+        "speed_m_s": 2.0 * gait.half_step / gait.period,
+    }
+
+
+def figures(
+    *,
+    out: Annotated[Path, Parameter(help="Folder for the pictures.")] = Path("figures"),
+    json: _Json = False,
+) -> int:
+    """Draw the paper's Figs. 3, 5, 6 and 7, its stated figures beside ours."""
+    from .figures import draw_figures
+    from .run import prepare_folder
+
+    folder = prepare_folder(out)
+    with _status(quiet=json) as say:
+        numbers = draw_figures(folder, progress=say)
+    if json:
+        _print_json(_plain(numbers))
+    else:
+        rows = list(_flat(_plain(numbers), ""))
+        _print_table("", ("", ""), [(k, _number(v)) for k, v in rows])
+        _print(f"written to {folder}")
+    return 0
+
+
+def motions(file: _MotionFile = None, /, *, json: _Json = False) -> int:
+    """List the built-in dances, or describe a motion file."""
+    if file is not None:
+        rows = _motion_rows(file)
+    else:
+        rows = [
+            {"name": name, "what": text, "joints": list(builtin_motion(name).joints)}
+            for name, text in BUILTIN_MOTIONS.items()
+        ]
+    if json:
+        _print_json(rows)
+        return 0
+    _print_table(
+        "", tuple(rows[0]), [tuple(_cell(v) for v in row.values()) for row in rows]
+    )
+    return 0
+
+
+def _motion_rows(file: str) -> list[dict[str, Any]]:
+    """Return what a motion file holds, joint by joint."""
+    motion = load_motion(file)
+    low, high = motion.positions.min(axis=0), motion.positions.max(axis=0)
+    return [
+        {
+            "joint": joint,
+            "lowest_rad": round(float(low[j]), 4),
+            "highest_rad": round(float(high[j]), 4),
+            "duration_s": round(motion.duration, 4),
+            "loops": motion.loops,
+        }
+        for j, joint in enumerate(motion.joints)
+    ]
+
+
+def robots(*, json: _Json = False) -> int:
+    """List the built-in robots."""
+    from .robot import BUILTIN_ROBOTS, Kinematics, load_robot
+
+    rows = []
+    for name, text in BUILTIN_ROBOTS.items():
+        robot = load_robot(name)
+        posture = Kinematics(robot).posture(robot.home)
+        height = float(posture.com[2] - posture.ends[:2, 2].min())
+        mass = round(robot.mass, 2)
+        row = {"name": name, "mass_kg": mass, "joints": len(robot.joints)}
+        rows.append({**row, "com_height_m": round(height, 3), "what": text})
+    if json:
+        _print_json(rows)
+        return 0
+    _print_table(
+        "", tuple(rows[0]), [tuple(_cell(v) for v in row.values()) for row in rows]
+    )
+    return 0
+
+
+def replay(
+    folder: Annotated[Path, Parameter(help="Folder of a run.")],
+    /,
+    *,
+    verify: Annotated[
+        bool,
+        Parameter(help="Replay the set-points with MuJoCo alone.", negative=()),
+    ] = False,
+    json: _Json = False,
+) -> int:
+    """Summarise a run, or verify it with MuJoCo alone.
+
+    With --verify the exit code is 1 if the replay leaves the record by more than 1e-6.
+    """
+    if not verify:
+        summary = _read_summary(folder)
+        _print_json(summary) if json else _print_summary(summary, folder)
+        return 0
+    from .run import replay as play
+
+    result = dataclasses.asdict(play(folder))
+    differences = (result["position_difference"], result["velocity_difference"])
+    same = max(differences) <= LARGEST_REPLAY_ERROR
+    if json:
+        _print_json({**result, "verified": same})
+    else:
+        q, v = differences
+        _print(f"{result['ticks']} ticks replayed; largest difference of qpos: {q:.3g}")
+        _print(f"largest difference of qvel: {v:.3g}")
+        _print("verified" if same else "NOT the recorded run")
+    return 0 if same else 1
+
+
+def _read_summary(folder: Path) -> dict[str, Any]:
+    """Return the summary of a run."""
+    try:
+        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
+        summary["outcome"]
+    except (OSError, ValueError, KeyError, TypeError):
+        raise RunError(
+            f"{folder} is not a run: it has no readable summary.json"
+        ) from None
+    return summary
+
+
+# ---- Running ----------------------------------------------------------------------
+
+
+def _perform(
+    settings: RobotConfig,
+    setup: Setup,
+    command: str,
+    words: str,
+    eps: Any = None,
+) -> int:
+    """Simulate, save and print; return the exit code."""
+    from .run import prepare_folder
+
+    folder, made = _new_folder(settings.out, command)
+    prepare_folder(folder)
+    try:
+        with _progress(setup.pattern.duration, settings.json) as progress:
+            run = _simulate(settings, setup, eps, progress)
+    except BaseException:
+        if made:
+            folder.rmdir()
+        raise
+    notes = {"command": words, "config": table_of(settings), "out": str(folder)}
+    run = dataclasses.replace(run, settings={**run.settings, **notes})
+    run.save(folder)
+    summary = run.summary()
+    if command == "dance":
+        summary = _save_dance(run, summary, folder)
+    _print_json(summary) if settings.json else _print_summary(summary, folder)
+    return 0 if run.outcome.ok else 1
+
+
+def _new_folder(out: str | None, command: str) -> tuple[Path, bool]:
+    """Return the folder of a run, and whether it is new."""
+    if out is None:
+        begin = datetime.now().strftime("%Y-%m-%d-%H%M%S")
+        folder, k = Path("runs") / f"{begin}-{command}", 2
+        while folder.exists():
+            folder, k = folder.with_name(f"{begin}-{k}-{command}"), k + 1
+        return folder, True
+    return Path(out), not Path(out).exists()
+
+
+def _simulate(
+    settings: RobotConfig, setup: Setup, eps: Any, progress: Callable | None
+) -> Run:
+    """Simulate with the robot or with the simplified model."""
+    from .run import simulate, simulate_pendulum
+
+    if setup.robot is None:
+        return simulate_pendulum(
+            setup.pattern, control=setup.control, disturbance=eps, progress=progress
+        )
+    return simulate(
+        setup.robot,
+        setup.pattern,
+        control=setup.control,
+        motion=setup.motion,
+        physics=setup.physics,
+        seed=settings.seed,
+        progress=progress,
+    )
+
+
+def dance_figures(run: Run) -> dict[str, Any]:
+    """Return how far CoM and ZMP leave their place in a dance, as in Fig. 6.
+
+    Args:
+        run: A run whose feet stay where they are.
+
+    Returns:
+        Largest distances [mm] in x and y: of the measured ZMP from the measured CoM,
+        and of the commanded, measured and true CoM from its place.
+    """
+    log = run.log
+    place = log["com_ref"][:, :2]
+    names = {"commanded": "com_command", "measured": "com", "true": "com_true"}
+    return {
+        "zmp_com_max_mm": _largest_mm(log["zmp"][:, :2] - log["com"][:, :2]),
+        "com_deviation_max_mm": {
+            name: _largest_mm(log[column][:, :2] - place)
+            for name, column in names.items()
+            if column in log
+        },
+    }
+
+
+def _largest_mm(error: np.ndarray) -> dict[str, float]:
+    """Return the largest magnitudes of x and y [mm]."""
+    x, y = (1e3 * np.abs(error).max(axis=0)).tolist()
+    return {"x": x, "y": y}
+
+
+def _save_dance(run: Run, summary: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """Add the figures of a dance to its summary, and draw them."""
+    from .plot import plot_dance
+
+    summary = {**summary, **dance_figures(run)}
+    text = json.dumps(summary, indent=2, allow_nan=False)
+    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+    plot_dance(run, folder / "dance.png")
+    return summary
+
+
+# ---- Printing ---------------------------------------------------------------------
+
+
+@contextmanager
+def _progress(duration: float, quiet: bool) -> Iterator[Callable[[float], None] | None]:
+    """Show a progress bar on a terminal; yield what moves it."""
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield None
+        return
+    columns = (
+        TextColumn("{task.completed:.1f} of {task.total:.1f} s"),
+        BarColumn(),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=duration)
+        yield lambda time: bar.update(task, completed=time)
+
+
+@contextmanager
+def _status(quiet: bool) -> Iterator[Callable[[str], None] | None]:
+    """Show on a terminal what is being done; yield what changes it."""
+    console = Console(stderr=True)
+    if quiet or not console.is_terminal:
+        yield None
+        return
+    with console.status("drawing") as status:
+        yield status.update
+
+
+def _print(text: str) -> None:
+    """Print a line as it is."""
+    print(text)
+
+
+def _print_json(value: Any) -> None:
+    """Print one JSON value."""
+    print(json.dumps(value, indent=2, allow_nan=False))
+
+
+def _print_table(title: str, head: tuple[str, ...], rows: list[tuple]) -> None:
+    """Print a table without lines."""
+    table = Table(
+        *head, title=title or None, box=None, show_header=any(head), pad_edge=False
+    )
+    for row in rows:
+        table.add_row(*row)
+    Console(markup=False, emoji=False, highlight=False).print(table)
+
+
+def _print_summary(summary: dict[str, Any], folder: Path) -> None:
+    """Print the short table of a run."""
+    rows = [(name, text) for name, text in _summary_rows(summary) if text]
+    rows.append(("written to", str(folder)))
+    _print_table("", ("", ""), rows)
+
+
+def _summary_rows(s: dict[str, Any]) -> Iterator[tuple[str, str]]:
+    """Yield names and texts of the figures of a run; empty texts for missing ones."""
+    end = f"{s['outcome']} at {s['time_s']:.2f} s"
+    if s["outcome"] != "completed":
+        phase = s["phase"].replace("_", " ")
+        end += f" in the {phase} phase: {s['cause']}"
+    yield "outcome", end
+    if s["steps_planned"]:
+        yield "steps", f"{s['steps_completed']} of {s['steps_planned']}"
+        yield "distance", f"{s['distance_m']:.3f} m"
+        error = _text(s, "heading_error_deg", ", {:.2f} deg")
+        yield "end position error", f"{1e3 * s['position_error_m']:.1f} mm{error}"
+    com = s["com_error_rms_mm"]
+    yield "CoM error rms, true", _xy(com.get("true"))
+    yield "CoM error rms, measured", _xy(com["measured"])
+    yield "ZMP error rms", _xy(s["zmp_error_rms_mm"])
+    yield "largest |ZMP - CoM|", _xy(s.get("zmp_com_max_mm"))
+    for name, value in s.get("com_deviation_max_mm", {}).items():
+        yield f"largest CoM deviation, {name}", _xy(value)
+    least = _text(s, "sole_margin_min_mm", ", at least {:.0f} mm")
+    yield "sole margin", _text(s, "sole_margin_p5_mm", "{:.0f} mm in 95 %") + least
+    yield "torque saturation", _text(s, "torque_saturation_pct", "{:.1f} % of the time")
+    yield "speed", f"{s['real_time_factor']:.1f} x real time"
+    p50, p99 = s["tick_us_p50"], s["tick_us_p99"]
+    yield "tick", f"{p50:.0f} us median, {p99:.0f} us 99th percentile"
+
+
+def _text(s: dict[str, Any], key: str, form: str) -> str:
+    """Return a figure as text, empty if it is missing."""
+    value = s.get(key)
+    return "" if value is None else form.format(value)
+
+
+def _xy(value: dict[str, float] | None) -> str:
+    """Return x and y [mm] as text, empty if missing."""
+    return "" if value is None else f"x {value['x']:.2f} mm, y {value['y']:.2f} mm"
+
+
+def _number(value: Any) -> str:
+    """Return a number or text for a table."""
+    return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+
+def _cell(value: Any) -> str:
+    """Return a value for a table."""
+    return ", ".join(value) if isinstance(value, list) else _number(value)
+
+
+def _flat(value: Any, prefix: str) -> Iterator[tuple[str, Any]]:
+    """Yield the leaves of nested tables with dotted names."""
+    for name, item in value.items():
+        if isinstance(item, dict):
+            yield from _flat(item, f"{prefix}{name}.")
+        else:
+            yield f"{prefix}{name}", item
+
+
+def _plain(value: Any) -> Any:
+    """Return a value ready for JSON."""
+    from .run import plain
+
+    return plain(value)

@@ -1,0 +1,748 @@
+"""What a command is asked to do: from flags and TOML files to what `simulate` takes.
+
+A configuration is a frozen dataclass; its fields are the flags of the command line and
+the keys of a TOML file alike (`--gait.half-step 0.08`, or `half_step = 0.08` under
+`[gait]`). Flags win over the file. The `build` functions turn a configuration into a
+robot, a pattern, a motion and settings, and check them together.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import math
+import re
+import shlex
+import tomllib
+import types
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin
+
+from .control import ControlSettings, Gains
+from .errors import ComwalkError, MotionError, ParameterError, checked_number, nearest
+from .footsteps import (
+    PAPER_SOLE,
+    Foothold,
+    FootstepPlan,
+    Gait,
+    checked_count,
+    load_plan,
+    plan_steps,
+)
+from .motion import (
+    BUILTIN_MOTIONS,
+    EmbeddedMotion,
+    JointLimit,
+    Motion,
+    builtin_motion,
+    embed_in,
+    load_motion,
+    prepare_motion,
+    renamed,
+    scaled,
+)
+from .pattern import Pattern, make_pattern
+from .pendulum import Pendulum
+from .plant import Disturbance, no_disturbance, random_bounded
+from .settings import BodySettings, Control, Push, SimulatorSettings
+
+if TYPE_CHECKING:
+    from .robot import Robot
+
+MAX_SEED = 2**32 - 1
+"""Largest seed of random numbers [-]."""
+
+_REST = 0.2  # time [s] in the home posture before and after an embedded motion
+_DANCE_TIME = 10.0  # [s]
+_UNSEEN = {(SimulatorSettings, "pushes")}  # given by `push` instead
+
+
+# ---- Configurations ---------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotConfig:
+    """What all commands that move a robot share. Abstract."""
+
+    robot: str = "paper"
+    """Built-in robot, or path of an MJCF file with REP-120 frames."""
+    gains: Gains = field(default_factory=Gains)
+    """Gains of the walking control law."""
+    control: ControlSettings = field(default_factory=ControlSettings)
+    """Filter, delay and bounds of the controller."""
+    body: BodySettings = field(default_factory=BodySettings)
+    """How the whole body follows its commands."""
+    simulator: SimulatorSettings = field(default_factory=SimulatorSettings)
+    """Physics."""
+    pendulum: Pendulum = field(default_factory=Pendulum)
+    """The simplified model."""
+    stiffness: float = 1.0
+    """Factor on the stiffness of all servos, in (0, 100]."""
+    push: tuple[str, ...] = ()
+    """Push on the trunk, START:FX,FY,FZ[:DURATION] in s and N, for 0.1 s by default;
+    may be given several times."""
+    period: float = 0.002
+    """Control period [s], in [1e-4, 0.05], a multiple of simulator.timestep."""
+    seed: int = 0
+    """Seed of all random numbers, in [0, 4294967295]."""
+    out: str | None = None
+    """Folder for the results; a new one under runs/ if not given."""
+    json: bool = False
+    """Print one JSON object instead of tables."""
+
+    def __post_init__(self) -> None:
+        """Check what no other dataclass checks.
+
+        Raises:
+            ParameterError: If a value is out of range.
+        """
+        for text in self.push:
+            parse_push(text)
+        name, factor, dt = "stiffness", self.stiffness, self.period
+        checked_number(name, factor, low=0, high=100, open_low=True)
+        checked_number("period", dt, unit="s", low=1e-4, high=0.05)
+        checked_count("seed", self.seed, 0, MAX_SEED)
+
+    @property
+    def physics(self) -> SimulatorSettings:
+        """The simulator's settings, with the pushes."""
+        pushes = tuple(parse_push(text) for text in self.push)
+        return dataclasses.replace(self.simulator, pushes=pushes)
+
+    @property
+    def controller(self) -> Control:
+        """The controller's settings."""
+        return Control(
+            gains=self.gains,
+            settings=self.control,
+            body=self.body,
+            period=float(self.period),
+        )
+
+
+@dataclass(frozen=True, kw_only=True)
+class WalkConfig(RobotConfig):
+    """A walk."""
+
+    steps: int = 20
+    """Number of steps, in [1, 100000]; a plan has its own."""
+    plan: str | None = None
+    """TOML file of footsteps to walk instead of a regular gait."""
+    gait: Gait = field(default_factory=Gait)
+    """The regular walk."""
+    plant: Literal["robot", "pendulum"] = "robot"
+    """What walks: the robot in full physics, or the simplified model of Eq. (30)."""
+    disturbance: tuple[float, float] | None = None
+    """Bounds a [m/s] and b [m/s^2] of a random disturbance of the pendulum and of its
+    rate."""
+    motion: str | None = None
+    """Dance of the upper body while walking: a name of `comwalk motions`, or a CSV or
+    NPZ file."""
+    motion_amplitude: float | None = None
+    """Largest angle of a built-in dance [rad], in (0, 2.5]; 0.5 if not given."""
+    motion_frequency: float | None = None
+    """Cycles of a built-in dance per second [Hz], in (0, 3]; 0.5 if not given."""
+    motion_scale: float = 1.0
+    """Factor on all angles of the dance about the home posture, in [0, 100]."""
+    motion_speed: float = 1.0
+    """Factor on the speed of the dance, in [0.001, 1000]."""
+    motion_blend: float = 1.0
+    """Time to blend the dance in, and to blend it out [s], above 0."""
+
+    def __post_init__(self) -> None:
+        """Check what no other dataclass checks.
+
+        Raises:
+            ParameterError: If a value is out of range, or goes with another plant.
+        """
+        super().__post_init__()
+        checked_count("steps", self.steps, 1, 100_000)
+        if self.disturbance is not None:
+            for name, value, unit in zip("ab", self.disturbance, _RATES, strict=True):
+                checked_number(f"disturbance ({name})", value, unit=unit, low=0)
+        wrong = ("motion", "push") if self.plant == "pendulum" else ("disturbance",)
+        for name in wrong:
+            if getattr(self, name):
+                other = "robot" if self.plant == "pendulum" else "pendulum"
+                raise ParameterError(
+                    f'{name} is for plant "{other}", not for the {self.plant}'
+                )
+
+    @property
+    def eps(self) -> Disturbance:
+        """The disturbance of the pendulum."""
+        if self.disturbance is None:
+            return no_disturbance
+        return random_bounded(*self.disturbance, seed=self.seed)
+
+
+_RATES = ("m/s", "m/s^2")
+
+
+@dataclass(frozen=True, kw_only=True)
+class DanceConfig(RobotConfig):
+    """A dance with both feet on the ground."""
+
+    motion: str = "paper"
+    """Dance of the upper body: a name of `comwalk motions`, or a CSV or NPZ file."""
+    duration: float | None = None
+    """Time of the whole dance, from and back to the home posture [s], in [1, 3600]; if
+    not given, 10 s, or once through a file that does not loop."""
+    amplitude: float | None = None
+    """Largest angle of a built-in dance [rad], in (0, 2.5]; 0.5 if not given."""
+    frequency: float | None = None
+    """Cycles of a built-in dance per second [Hz], in (0, 3]; 0.5 if not given."""
+    scale: float = 1.0
+    """Factor on all angles of the dance about the home posture, in [0, 100]."""
+    speed: float = 1.0
+    """Factor on the speed of the dance, in [0.001, 1000]."""
+    blend: float = 1.0
+    """Time to blend the dance in, and to blend it out [s], above 0."""
+    half_width: float = 0.09
+    """Half of the distance between both feet [m], in [0.02, 0.4]."""
+
+    def __post_init__(self) -> None:
+        """Check what no other dataclass checks.
+
+        Raises:
+            ParameterError: If a value is out of range.
+        """
+        super().__post_init__()
+        if self.duration is not None:
+            checked_number("duration", self.duration, unit="s", low=1, high=3600)
+        width = self.half_width
+        checked_number("half_width", width, unit="m", low=0.02, high=0.4)
+
+
+@dataclass(frozen=True, kw_only=True)
+class PatternConfig:
+    """A regular walk on paper."""
+
+    gait: Gait = field(default_factory=Gait)
+    """The regular walk."""
+    pendulum: Pendulum = field(default_factory=Pendulum)
+    """The simplified model."""
+    steps: int = 4
+    """Number of steps drawn, in [1, 1000]."""
+    out: str | None = None
+    """Folder for the plot of Fig. 3; nothing is written if not given."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def __post_init__(self) -> None:
+        """Check what no other dataclass checks.
+
+        Raises:
+            ParameterError: If a value is out of range.
+        """
+        checked_count("steps", self.steps, 1, 1000)
+
+
+def parse_push(text: str) -> Push:
+    """Return a push from its text.
+
+    Args:
+        text: START:FX,FY,FZ or START:FX,FY,FZ:DURATION, in s and N.
+
+    Returns:
+        The push.
+
+    Raises:
+        ParameterError: If the text is of another form, or a number is out of range.
+
+    Example:
+        >>> parse_push("3.5:40,0,0:0.2").force
+        (40.0, 0.0, 0.0)
+    """
+    parts = text.split(":")
+    try:
+        start, force = float(parts[0]), [float(x) for x in parts[1].split(",")]
+        duration = [float(x) for x in parts[2:]]
+        x, y, z = force
+        if len(duration) > 1:
+            raise ValueError
+    except (ValueError, IndexError):
+        raise ParameterError(
+            "push must be START:FX,FY,FZ or START:FX,FY,FZ:DURATION in s and N, such "
+            f'as 3.5:40,0,0:0.1, got "{text}"'
+        ) from None
+    return Push(start=start, force=(x, y, z), duration=(*duration, 0.1)[0])
+
+
+# ---- Reading ----------------------------------------------------------------------
+
+Config = TypeVar("Config", RobotConfig, WalkConfig, DanceConfig, PatternConfig)
+"""One of the configurations."""
+
+Table = Mapping[str, Any]
+"""Values and tables of values by key."""
+
+
+def make_config(
+    kind: type[Config], given: Table | None = None, file: str | Path | None = None
+) -> Config:
+    """Return a configuration from flags and a file.
+
+    Args:
+        kind: Which configuration.
+        given: Values by field name, with tables for fields that are dataclasses. They
+            win over those of the file.
+        file: TOML file with the same keys, or summary.json of an earlier run.
+
+    Returns:
+        The configuration; fields that neither gives have their defaults.
+
+    Raises:
+        ParameterError: If the file cannot be read, a key is unknown, or a value is of
+            the wrong type or out of range; the message names file and key.
+
+    Example:
+        >>> make_config(WalkConfig, {"gait": {"half_step": 0.05}}).gait.half_step
+        0.05
+    """
+    written = {} if file is None else read_table(file)
+    return _construct(kind, written, given or {}, str(file), "")
+
+
+def read_table(file: str | Path) -> dict[str, Any]:
+    """Return the table in a file.
+
+    Args:
+        file: TOML file, or summary.json of an earlier run.
+
+    Returns:
+        Its keys, hyphens made underscores, and values.
+
+    Raises:
+        ParameterError: If the file is missing or broken.
+    """
+    path = Path(file)
+    try:
+        text = path.read_text(encoding="utf-8")
+        if path.suffix.lower() == ".json":
+            document = json.loads(text)["settings"]["config"]
+        else:
+            document = tomllib.loads(text)
+    except OSError as error:
+        raise ParameterError(f"cannot read {path}: {error.strerror}") from None
+    except (KeyError, TypeError):
+        raise ParameterError(f"{path} is not the summary.json of a run") from None
+    except (ValueError, RecursionError) as error:
+        kind = "JSON" if path.suffix.lower() == ".json" else "TOML"
+        raise ParameterError(f"{path} is not valid {kind}: {error}") from None
+    return _underscored(document)
+
+
+def _underscored(value: Any) -> Any:
+    """Return a table with underscores instead of hyphens in its keys."""
+    if not isinstance(value, dict):
+        return value
+    return {str(k).replace("-", "_"): _underscored(v) for k, v in value.items()}
+
+
+def fields_of(kind: type) -> dict[str, Any]:
+    """Return the fields of a dataclass that a user may give.
+
+    Args:
+        kind: The dataclass.
+
+    Returns:
+        Type hints by name.
+    """
+    import typing
+
+    hints = typing.get_type_hints(kind)
+    names = [f.name for f in dataclasses.fields(kind) if f.init]
+    return {n: hints[n] for n in names if (kind, n) not in _UNSEEN}
+
+
+def _construct(kind: Any, written: Any, given: Table, file: str, prefix: str) -> Any:
+    """Return a dataclass from the table of a file and from flags."""
+    hints = fields_of(kind)
+    _check_keys(written, hints, file, prefix)
+    values: dict[str, Any] = {}
+    for name, hint in hints.items():
+        if dataclasses.is_dataclass(hint):
+            tables = written.get(name, {}), given.get(name, {})
+            values[name] = _construct(hint, *tables, file, f"{prefix}{name}.")
+        elif name in given:
+            values[name] = given[name]
+        elif name in written:
+            where = f"{file}: {prefix}{name}"
+            values[name] = _typed(written[name], hint, where)
+    try:
+        return kind(**values)
+    except ComwalkError as error:
+        text = _located(str(error), hints, set(written) - set(given), file, prefix)
+        raise type(error)(text) from None
+
+
+def _check_keys(table: Any, known: Mapping[str, Any], file: str, prefix: str) -> None:
+    """Refuse what is not a table, and unknown keys."""
+    if not isinstance(table, Mapping):
+        key = prefix.rstrip(".")
+        raise ParameterError(
+            f"{file}: {key} must be a table, written [{key}], got {table!r}"
+        )
+    for key in table:
+        if key not in known:
+            raise ParameterError(
+                f'{file}: unknown key "{prefix}{key}"; {nearest(key, known)}'
+            )
+
+
+def _located(
+    text: str, names: Mapping[str, Any], written: set[str], file: str, prefix: str
+) -> str:
+    """Return a message that starts with the whole key, and with the file it is in."""
+    found = re.match(r"(?:\w+\.)?(\w+)", text)
+    name = found.group(1) if found else ""
+    if name not in names:
+        return text
+    if not text.startswith(prefix):
+        text = prefix + text
+    return f"{file}: {text}" if name in written else text
+
+
+def _typed(value: Any, hint: Any, where: str) -> Any:
+    """Return a value of a file if it is of the type that a field has."""
+    optional = isinstance(hint, types.UnionType) and types.NoneType in get_args(hint)
+    if optional:
+        if value == "none":
+            return None
+        (hint,) = (h for h in get_args(hint) if h is not types.NoneType)
+    if get_origin(hint) is tuple:
+        return _typed_items(value, get_args(hint), where)
+    if get_origin(hint) is Literal:
+        known = get_args(hint)
+        if value not in known:
+            words = " or ".join(f'"{k}"' for k in known)
+            hint_text = nearest(str(value), known)
+            raise ParameterError(f"{where} must be {words}, got {value!r}; {hint_text}")
+        return value
+    accepted = (int, float) if hint is float else (hint,)
+    if not isinstance(value, accepted) or (
+        isinstance(value, bool) and hint is not bool
+    ):
+        raise ParameterError(f"{where} must be {_WORDS[hint]}, got {value!r}")
+    return value
+
+
+_WORDS = {
+    float: "a number",
+    int: "a whole number",
+    bool: "true or false",
+    str: "text in quotes",
+}
+
+
+def _typed_items(value: Any, hints: Sequence[Any], where: str) -> Any:
+    """Return an array of a file as a tuple; one number may stand for two."""
+    many = hints[-1] is Ellipsis
+    items = list(value) if isinstance(value, list) else [value]
+    if not many and len(items) not in (1, len(hints)):
+        raise ParameterError(
+            f"{where} must be one number or {len(hints)}, got {len(items)}"
+        )
+    typed = tuple(_typed(item, hints[0], where) for item in items)
+    return typed * len(hints) if len(typed) == 1 and not many else typed
+
+
+def table_of(config: Any) -> dict[str, Any]:
+    """Return a configuration as a table that `make_config` takes.
+
+    Args:
+        config: A configuration.
+
+    Returns:
+        All values that are not None, ready for TOML or JSON.
+
+    Example:
+        >>> table_of(PatternConfig())["pendulum"]
+        {'height': 0.687, 'gravity': 9.81}
+    """
+    table: dict[str, Any] = {}
+    for name in fields_of(type(config)):
+        value = getattr(config, name)
+        if dataclasses.is_dataclass(value):
+            table[name] = table_of(value)
+        elif isinstance(value, tuple):
+            table[name] = list(value)
+        elif value is None:
+            default = getattr(type(config), name, None)
+            if default is not None:
+                table[name] = "none"
+        elif isinstance(value, float) and not math.isfinite(value):
+            table[name] = "none"
+        else:
+            table[name] = value
+    return table
+
+
+def command_line(command: str, given: Table, file: str | Path | None = None) -> str:
+    """Return the command line that gives the same configuration.
+
+    Args:
+        command: Its first word, such as "walk".
+        given: Values of the flags.
+        file: The file of `--config`, if any.
+
+    Returns:
+        Words quoted for a shell.
+
+    Example:
+        >>> command_line("walk", {"steps": 4, "gains": {"zmp": (3.0, 1.8)}})
+        'comwalk walk --steps 4 --gains.zmp 3.0,1.8'
+    """
+    words = ["comwalk", command]
+    if file is not None:
+        words += ["--config", str(file)]
+    return shlex.join([*words, *_flags(given, "")])
+
+
+def _flags(table: Table, prefix: str) -> list[str]:
+    """Return flags and their values."""
+    words: list[str] = []
+    for name, value in table.items():
+        flag = f"--{prefix}{name.replace('_', '-')}"
+        if isinstance(value, Mapping):
+            words += _flags(value, f"{prefix}{name}.")
+        elif isinstance(value, bool):
+            dotted, _, last = flag.removeprefix("--").rpartition(".")
+            words.append(flag if value else f"--{dotted}{dotted and '.'}no-{last}")
+        elif isinstance(value, tuple) and value and isinstance(value[0], str):
+            words += [word for item in value for word in (flag, item)]
+        elif isinstance(value, tuple):
+            words += [flag, ",".join(str(x) for x in value)]
+        else:
+            words += [flag, str(value)]
+    return words
+
+
+# ---- Building ---------------------------------------------------------------------
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Setup:
+    """What `simulate` and `simulate_pendulum` take. Made by the `build` functions."""
+
+    robot: Robot | None
+    """The robot; None for the simplified model."""
+    pattern: Pattern
+    """What to walk."""
+    motion: EmbeddedMotion | None
+    """Motion of the upper body."""
+    control: Control
+    """The walking controller."""
+    physics: SimulatorSettings
+    """Physics and pushes."""
+
+
+def build_walk(config: WalkConfig) -> Setup:
+    """Return what a walk needs, checked.
+
+    Args:
+        config: The walk.
+
+    Returns:
+        Robot, pattern, motion and settings.
+
+    Raises:
+        ComwalkError: If they do not exist, or do not go together.
+    """
+    robot = None if config.plant == "pendulum" else _load(config)
+    plan = _plan(config, robot)
+    pattern = make_pattern(plan, config.pendulum)
+    motion = None
+    if robot is not None and config.motion is not None:
+        clip = _clip(
+            robot,
+            config.motion,
+            config.motion_amplitude,
+            config.motion_frequency,
+            config.motion_scale,
+            config.motion_speed,
+            "motion_",
+        )
+        motion = _embedded(robot, clip, pattern.duration, config.motion_blend)
+    return _checked(config, robot, pattern, motion)
+
+
+def build_dance(config: DanceConfig) -> Setup:
+    """Return what a dance needs, checked.
+
+    Args:
+        config: The dance.
+
+    Returns:
+        Robot, pattern, motion and settings; the pattern only stands.
+
+    Raises:
+        ComwalkError: If they do not exist, or do not go together.
+    """
+    robot = _load(config)
+    clip = _clip(
+        robot,
+        config.motion,
+        config.amplitude,
+        config.frequency,
+        config.scale,
+        config.speed,
+        "",
+    )
+    duration = config.duration
+    if duration is None:
+        once = clip.duration + 2 * _REST
+        duration = _DANCE_TIME if clip.loops else min(max(once, 1.0), 3600.0)
+    A = config.half_width
+    plan = FootstepPlan(
+        left=Foothold(0.0, A),
+        right=Foothold(0.0, -A),
+        stand_time=duration / 2,
+        sole_size=_sole_size(robot),
+    )
+    pattern = make_pattern(plan, config.pendulum)
+    motion = _embedded(robot, clip, pattern.duration, config.blend)
+    return _checked(config, robot, pattern, motion)
+
+
+def _load(config: RobotConfig) -> Robot:
+    """Return the robot."""
+    from .robot import load_robot
+
+    return load_robot(config.robot, stiffness=config.stiffness)
+
+
+def _checked(
+    config: RobotConfig,
+    robot: Robot | None,
+    pattern: Pattern,
+    motion: EmbeddedMotion | None,
+) -> Setup:
+    """Return a setup whose gains are stable and whose feet are in reach."""
+    control = config.controller
+    control.check(pattern)
+    if robot is not None:
+        from .reach import check_reach
+
+        check_reach(robot, pattern)
+    return Setup(
+        robot=robot,
+        pattern=pattern,
+        motion=motion,
+        control=control,
+        physics=config.physics,
+    )
+
+
+def _sole_size(robot: Robot | None) -> tuple[float, float]:
+    """Return the length and width of a robot's soles [m]."""
+    if robot is None:
+        return PAPER_SOLE
+    corners = next(iter(robot.feet.values())).sole
+    length, width = (corners.max(axis=0) - corners.min(axis=0)).round(9).tolist()
+    return length, width
+
+
+def _plan(config: WalkConfig, robot: Robot | None) -> FootstepPlan:
+    """Return the footsteps, from the file or regular ones."""
+    size = _sole_size(robot)
+    if config.plan is None:
+        return plan_steps(config.gait, config.steps, sole_size=size)
+    plan = load_plan(config.plan)
+    if plan.sole_size == PAPER_SOLE:
+        plan = dataclasses.replace(plan, sole_size=size)
+    return plan
+
+
+def _clip(
+    robot: Robot,
+    source: str,
+    amplitude: float | None,
+    frequency: float | None,
+    scale: float,
+    speed: float,
+    prefix: str,
+) -> Motion:
+    """Return the motion that a robot can play, checked against its limits."""
+    home = home_angles(robot)
+    if is_motion_file(source):
+        for name, value in (("amplitude", amplitude), ("frequency", frequency)):
+            other = "scale" if name == "amplitude" else "speed"
+            if value is not None:
+                raise MotionError(
+                    f"{prefix}{name} is for built-in dances; a file is changed by "
+                    f"{prefix}{other}"
+                )
+        motion = load_motion(source, robot_joints=robot.joints)
+    else:
+        given = {"amplitude": amplitude, "frequency": frequency}
+        options = {k: v for k, v in given.items() if v is not None}
+        motion = builtin_motion(source, home=home, **options)
+        motion = renamed(motion, {j: j for j in robot.upper_body})
+    return prepare_motion(
+        scaled(motion, scale, speed, about=home),
+        allowed=robot.upper_body,
+        ignored=[j for j in robot.joints if j not in robot.upper_body],
+        limits=joint_limits(robot),
+        home=home,
+    )
+
+
+def is_motion_file(source: str) -> bool:
+    """Return whether a motion is given by its file, not by its name.
+
+    Args:
+        source: What the user wrote.
+
+    Returns:
+        Whether it has the ending or the look of a path.
+    """
+    path = Path(source)
+    known = source in BUILTIN_MOTIONS
+    return not known and (bool(path.suffix) or len(path.parts) != 1)
+
+
+def home_angles(robot: Robot) -> dict[str, float]:
+    """Return the joint angles of the home posture.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Angles [rad] by joint.
+    """
+    return dict(zip(robot.joints, robot.home[7:].tolist(), strict=True))
+
+
+def joint_limits(robot: Robot) -> dict[str, JointLimit]:
+    """Return what each joint can do.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Limits by joint.
+    """
+    columns = (robot.lower.tolist(), robot.upper.tolist(), robot.speed.tolist())
+    rows = zip(robot.joints, *columns, strict=True)
+    return {name: JointLimit(*limits) for name, *limits in rows}
+
+
+def _embedded(
+    robot: Robot, motion: Motion, duration: float, blend: float
+) -> EmbeddedMotion:
+    """Return the motion blended in and out of the home posture."""
+    stop = duration - _REST
+    if not motion.loops:
+        stop = min(stop, _REST + motion.duration)
+    return embed_in(
+        motion,
+        home_angles(robot),
+        start=_REST,
+        stop=stop,
+        blend=blend,
+        limits=joint_limits(robot),
+    )

@@ -1,0 +1,442 @@
+"""Pictures of a run without a window: a still, a film strip, an animation.
+
+On the floor: the footprints, and the paths of CoM (blue) and ZMP (orange) so far.
+"""
+
+from __future__ import annotations
+
+import copy
+import math
+from collections.abc import Callable, Generator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import mujoco
+import numpy as np
+from PIL import Image
+
+from .errors import RunError, checked_number
+from .footsteps import Side
+from .gl import no_opengl
+from .pattern import Phase
+from .polygon import convex_hull
+from .run import Run, load_recording
+
+
+@dataclass(frozen=True, kw_only=True)
+class View:
+    """From where, how large and how finely a picture is taken."""
+
+    width: int = 640
+    """Width [pixel], in [16, 4096]."""
+    height: int = 480
+    """Height [pixel], in [16, 4096]."""
+    azimuth: float = math.radians(35.0)
+    """Where the camera stands, seen from the robot's front, left positive [rad]."""
+    elevation: float = math.radians(14.0)
+    """How far the camera stands above the horizon [rad], in (-pi/2, pi/2)."""
+    distance: float = 1.75
+    """Distance of the camera, in heights of the robot [-], in [0.1, 100]."""
+    shadows: bool = False
+    """Whether the robot casts a shadow: nicer, and several times slower without a
+    graphics card."""
+    smooth: int = 1
+    """Pixels drawn for each one in the picture, along each side, in [1, 4]."""
+    overlays: bool = True
+    """Whether footprints and the paths of CoM and ZMP are drawn on the floor."""
+
+    def __post_init__(self) -> None:
+        """Check the ranges.
+
+        Raises:
+            ParameterError: If a value is out of range.
+        """
+        half = math.pi / 2
+        for name, low, high in (("width", 16, 4096), ("height", 16, 4096)):
+            checked_number(name, getattr(self, name), unit="pixel", low=low, high=high)
+        checked_number("azimuth", self.azimuth, unit="rad")
+        checked_number("elevation", self.elevation, unit="rad", low=-half, high=half)
+        checked_number("distance", self.distance, low=0.1, high=100)
+        checked_number("smooth", self.smooth, low=1, high=4)
+
+
+class _Print(NamedTuple):
+    """A sole on the floor."""
+
+    landed: float  # [s]
+    lifted: float  # [s]
+    side: Side
+    corners: np.ndarray  # [m], (4, 2), counter-clockwise
+    center: np.ndarray  # [m], (3,)
+    rotation: np.ndarray  # (3, 3)
+    size: np.ndarray  # half lengths [m], (3,)
+
+
+@dataclass(frozen=True, eq=False)
+class _Recording:
+    """What there is to see."""
+
+    model: mujoco.MjModel
+    t: np.ndarray  # [s], (n,)
+    qpos: np.ndarray  # (n, nq)
+    com: np.ndarray  # [m], (n, 3)
+    zmp: np.ndarray  # [m], (n, 2)
+    prints: tuple[_Print, ...]
+    center: np.ndarray  # what the camera looks at [m], (n, 2)
+
+    def row(self, time: float) -> int:
+        """Return the row of a time."""
+        return min(int(np.searchsorted(self.t, time)), len(self.t) - 1)
+
+
+Film = Callable[[int], np.ndarray]
+"""Takes a row of a recording, returns a picture of shape (height, width, 3)."""
+
+
+def still(
+    model: mujoco.MjModel,
+    qpos: np.ndarray,
+    path: str | Path | None = None,
+    *,
+    view: View | None = None,
+) -> np.ndarray:
+    """Take a picture of a robot in one posture.
+
+    Args:
+        model: A compiled scene, such as `build_scene` returns.
+        qpos: MuJoCo's configuration, of shape (nq,).
+        path: Where to write the picture; not written if None.
+        view: Camera and size; shadows and smooth edges if None.
+
+    Returns:
+        The picture, of shape (height, width, 3), uint8.
+
+    Raises:
+        RenderError: If this machine cannot draw.
+        RunError: If the file cannot be written.
+    """
+    q = np.asarray(qpos, dtype=float)[None]
+    nothing = np.zeros((1, 3))
+    recording = _Recording(model, np.zeros(1), q, nothing, nothing, (), q[:, :2])
+    view = view or View(shadows=True, smooth=2, overlays=False)
+    with _film(recording, view) as film:
+        picture = film(0)
+    _write([picture], path, fps=1.0)
+    return picture
+
+
+def render_still(
+    source: Run | str | Path,
+    path: str | Path | None,
+    time: float,
+    *,
+    view: View | None = None,
+) -> np.ndarray:
+    """Take a picture of a run at one time.
+
+    Args:
+        source: A run of a robot, or its folder.
+        path: Where to write the picture; not written if None.
+        time: When [s]; after the end, the last moment is taken.
+        view: Camera and size.
+
+    Returns:
+        The picture, of shape (height, width, 3), uint8.
+
+    Raises:
+        RenderError: If this machine cannot draw.
+        RunError: If there is no robot to draw or the file cannot be written.
+    """
+    recording = _recording(source)
+    with _film(recording, view or View()) as film:
+        picture = film(recording.row(checked_number("time", time, unit="s", low=0.0)))
+    _write([picture], path, fps=1.0)
+    return picture
+
+
+def render_run(
+    source: Run | str | Path,
+    path: str | Path,
+    *,
+    view: View | None = None,
+    start: float = 0.0,
+    stop: float | None = None,
+    fps: float = 15.0,
+    count: int = 5,
+    quality: int = 70,
+    progress: Callable[[float], None] | None = None,
+) -> int:
+    """Write a run as an animation, or as a film strip of stills side by side.
+
+    Args:
+        source: A run of a robot, or its folder.
+        path: The file; .webp and .gif are animations, .png and .jpg film strips.
+        view: Camera and size of each picture.
+        start: When it starts [s].
+        stop: When it ends [s]; None for the end of the run.
+        fps: Pictures per second of an animation.
+        count: Pictures of a film strip.
+        quality: Quality of an animation, 1 to 100; more makes a larger file.
+        progress: Called with the share that is done, from 0 to 1.
+
+    Returns:
+        The number of pictures.
+
+    Raises:
+        RenderError: If this machine cannot draw.
+        RunError: If there is no robot to draw or the file cannot be written.
+        ParameterError: If a number is out of range.
+    """
+    recording = _recording(source)
+    last = float(recording.t[-1])
+    begin = checked_number("start", start, unit="s", low=0.0, high=last)
+    end = last if stop is None else checked_number("stop", stop, unit="s", low=begin)
+    end = min(end, last)
+    checked_number("fps", fps, unit="1/s", low=0.1, high=100.0)
+    n = int((end - begin) * fps) + 1
+    if Path(path).suffix.lower() not in _ANIMATIONS:
+        n = int(checked_number("count", count, low=1, high=100))
+    pictures = []
+    with _film(recording, view or View()) as film:
+        for k, time in enumerate(np.linspace(begin, end, n).tolist()):
+            pictures.append(film(recording.row(time)))
+            if progress is not None:
+                progress((k + 1) / n)
+    _write(pictures, path, fps, quality)
+    return n
+
+
+_ANIMATIONS = (".webp", ".gif")
+
+
+def _write(
+    pictures: Sequence[np.ndarray],
+    path: str | Path | None,
+    fps: float,
+    quality: int = 80,
+) -> None:
+    """Write pictures as an animation, or side by side."""
+    if path is None:
+        return
+    animated = Path(path).suffix.lower() in _ANIMATIONS and len(pictures) > 1
+    images = [Image.fromarray(p) for p in pictures]
+    options: dict[str, Any] = {"quality": quality}
+    if animated:
+        options |= {"save_all": True, "append_images": images[1:], "method": 4}
+        options |= {"duration": round(1000.0 / fps), "loop": 0}
+    else:
+        images = [Image.fromarray(np.concatenate(pictures, axis=1))]
+    try:
+        images[0].save(path, **options)
+    except OSError as error:
+        reason = error.strerror or error
+        raise RunError(f"cannot write the picture {path}: {reason}") from None
+    except ValueError:
+        raise RunError(
+            f"cannot write the picture {path}: its name must end in .png, .jpg, .webp "
+            "or .gif"
+        ) from None
+
+
+# ---- What there is to see ---------------------------------------------------------
+
+
+def _recording(source: Run | str | Path) -> _Recording:
+    """Return what there is to see of a run or of its folder."""
+    columns: Mapping[str, np.ndarray]
+    if isinstance(source, Run):
+        if source.scene is None:
+            raise RunError("the simplified model cannot be drawn; run it with a robot")
+        model, columns = source.scene, source.log.columns
+    else:
+        model, columns = load_recording(source)
+    qpos = columns["qpos"]
+    if not np.isfinite(qpos).all():
+        raise RunError("the run holds configurations that are no numbers")
+    com = columns["com_true"] if "com_true" in columns else columns["com"]
+    return _Recording(
+        model=model,
+        t=columns["t"],
+        qpos=qpos,
+        com=com,
+        zmp=columns["zmp_filtered"],
+        prints=_footprints(model, qpos, columns["t"], columns["phase"]),
+        center=_smoothed(qpos[:, :2], columns["t"]),
+    )
+
+
+def _smoothed(path: np.ndarray, t: np.ndarray, window: float = 2.0) -> np.ndarray:
+    """Return a path without its sway: the mean over a window of time [s]."""
+    if len(t) < 3:
+        return path
+    half = max(1, round(0.5 * window / float(t[1] - t[0])))
+    padded = np.pad(path, ((half + 1, half), (0, 0)), mode="edge")
+    sums = np.cumsum(padded, axis=0)
+    return (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
+
+
+def _footprints(
+    model: mujoco.MjModel, qpos: np.ndarray, t: np.ndarray, phase: np.ndarray
+) -> tuple[_Print, ...]:
+    """Return where the soles stood, and when."""
+    data = mujoco.MjData(model)
+    prints = []
+    swings = {Side.LEFT: Phase.SINGLE_RIGHT, Side.RIGHT: Phase.SINGLE_LEFT}
+    for side, swing in swings.items():
+        down = np.concatenate([[False], phase != swing, [False]])
+        edges = np.flatnonzero(down[1:] != down[:-1])
+        for first, last in edges.reshape(-1, 2).tolist():
+            data.qpos[:] = qpos[(first + last) // 2]
+            mujoco.mj_kinematics(model, data)
+            lifted = float(t[last]) if last < len(t) else math.inf
+            prints += [
+                _Print(float(t[first]), lifted, side, *box)
+                for box in _sole_boxes(model, data, side)
+            ]
+    return tuple(prints)
+
+
+def _sole_boxes(
+    model: mujoco.MjModel, data: mujoco.MjData, side: Side
+) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
+    """Return corners, centre, rotation and size of the soles of a foot."""
+    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{side.value[0]}_sole")
+    if site < 0:
+        return []
+    body, boxes = model.site_bodyid[site], []
+    for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
+        if not (model.geom_contype[geom] or model.geom_conaffinity[geom]):
+            continue
+        R = data.geom_xmat[geom].reshape(3, 3)
+        middle, size = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+        center = data.geom_xpos[geom] + R @ middle
+        local = size[:2] * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+        corners = center[:2] + local @ R[:2, :2].T
+        boxes.append((corners, center, R.copy(), size.copy()))
+    return boxes
+
+
+# ---- Drawing ----------------------------------------------------------------------
+
+
+@contextmanager
+def _film(recording: _Recording, view: View) -> Generator[Film]:
+    """Open what draws the rows of a recording."""
+    model = copy.copy(recording.model)
+    width, height = view.smooth * int(view.width), view.smooth * int(view.height)
+    model.vis.global_.offwidth, model.vis.global_.offheight = width, height
+    model.vis.quality.offsamples = 0
+    data, camera = mujoco.MjData(model), mujoco.MjvCamera()
+    tall = _height(model, data, recording.qpos[0])
+    camera.elevation = -math.degrees(view.elevation)
+    camera.distance = view.distance * tall
+    yaw = _heading(recording.qpos)
+    try:
+        renderer = mujoco.Renderer(model, height, width, max_geom=20000)
+    except Exception as error:  # each backend has its own errors
+        raise no_opengl(error) from None
+
+    def film(row: int) -> np.ndarray:
+        data.qpos[:] = recording.qpos[row]
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        mujoco.mj_camlight(model, data)
+        camera.lookat[:] = *recording.center[row], 0.52 * tall
+        camera.azimuth = math.degrees(yaw + view.azimuth) + 180.0
+        renderer.update_scene(data, camera)
+        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = view.shadows
+        if view.overlays:
+            _draw_floor(renderer.scene, recording, row)
+        return _shrunk(renderer.render(), view.smooth)
+
+    with renderer:
+        yield film
+
+
+def _shrunk(picture: np.ndarray, factor: int) -> np.ndarray:
+    """Return a copy of a picture, smaller by a whole factor."""
+    if factor == 1:
+        return picture.copy()
+    return np.asarray(Image.fromarray(picture).reduce(factor))
+
+
+def _height(model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray) -> float:
+    """Return how tall the robot stands [m]."""
+    data.qpos[:] = qpos
+    mujoco.mj_kinematics(model, data)
+    moving = model.geom_bodyid > 0
+    return max(0.1, float(data.geom_xpos[moving, 2].max()) + 0.08)
+
+
+def _heading(qpos: np.ndarray) -> float:
+    """Return the yaw of the base at the start [rad]."""
+    w, x, y, z = qpos[0, 3:7].tolist()
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
+_COLORS = {
+    Side.LEFT: (0.0, 0.45, 0.70),
+    Side.RIGHT: (0.84, 0.37, 0.0),
+}
+_COM_COLOR, _ZMP_COLOR = (0.0, 0.35, 0.65, 1.0), (0.90, 0.36, 0.0, 1.0)
+_UPRIGHT = np.eye(3).ravel()
+
+
+def _draw_floor(scene: mujoco.MjvScene, recording: _Recording, row: int) -> None:
+    """Draw the footprints, the support polygon and the paths so far."""
+    now = float(recording.t[row])
+    for mark in recording.prints:
+        _draw_print(scene, mark, now)
+    standing = [p.corners for p in recording.prints if p.landed <= now < p.lifted]
+    if standing:
+        hull = convex_hull(np.concatenate(standing))
+        _draw_path(scene, np.vstack([hull, hull[:1]]), (0.1, 0.55, 0.3, 1.0), 0.003)
+    step = max(1, round(0.04 / float(np.diff(recording.t[:2]).sum() or 0.04)))
+    rows = np.append(np.arange(0, row, step), row)
+    _draw_path(scene, recording.zmp[rows], _ZMP_COLOR, 0.0035)
+    _draw_path(scene, recording.com[rows, :2], _COM_COLOR, 0.0045)
+
+
+def _draw_print(scene: mujoco.MjvScene, mark: _Print, now: float) -> None:
+    """Draw a footprint: where the foot stood, or faintly where it will."""
+    size = np.array([mark.size[0], mark.size[1], 0.0006])
+    place = np.array([mark.center[0], mark.center[1], 0.0006])
+    alpha = 0.38 if mark.landed <= now else 0.12
+    rgba = np.array([*_COLORS[mark.side], alpha], np.float32)
+    box, rotation = mujoco.mjtGeom.mjGEOM_BOX, mark.rotation.ravel()
+    _add(scene, lambda g: mujoco.mjv_initGeom(g, box, size, place, rotation, rgba))
+
+
+def _draw_path(
+    scene: mujoco.MjvScene,
+    points: np.ndarray,
+    rgba: tuple[float, float, float, float],
+    radius: float,
+) -> None:
+    """Draw a path on the floor."""
+    kind, color = mujoco.mjtGeom.mjGEOM_CAPSULE, np.array(rgba, np.float32)
+    spots = np.column_stack([points, np.full(len(points), radius)])
+    for a, b in zip(spots, spots[1:], strict=False):
+        if np.isfinite(a + b).all() and (np.abs(a - b) > 1e-4).any():
+            geom = _add(
+                scene,
+                lambda g: mujoco.mjv_initGeom(
+                    g, kind, np.zeros(3), np.zeros(3), _UPRIGHT, color
+                ),
+            )
+            if geom is not None:
+                mujoco.mjv_connector(geom, kind, radius, a, b)
+
+
+def _add(
+    scene: mujoco.MjvScene, fill: Callable[[mujoco.MjvGeom], None]
+) -> mujoco.MjvGeom | None:
+    """Add a geom to a scene while there is room."""
+    if scene.ngeom >= scene.maxgeom:
+        return None
+    geom = scene.geoms[scene.ngeom]
+    fill(geom)
+    scene.ngeom += 1
+    return geom

@@ -1,0 +1,114 @@
+"""The names that `import comwalk` offers, and how little it costs."""
+
+from __future__ import annotations
+
+import ast
+import inspect
+import re
+import subprocess
+import sys
+from importlib import metadata
+from pathlib import Path
+
+import pytest
+
+import comwalk as cw
+
+PUBLIC = {
+    "BodySettings", "ComwalkError", "Control", "ControlSettings", "Foothold",
+    "Footstep", "FootstepPlan", "Gains", "Gait", "Outcome", "Pattern", "Pendulum",
+    "Push", "Robot", "Run", "SimulatorSettings", "builtin_motion", "embed_in",
+    "load_motion", "load_plan", "load_robot", "make_pattern", "plan_steps",
+    "simulate", "simulate_pendulum",
+}  # fmt: skip
+
+
+def python(code: str) -> str:
+    """Return what a fresh interpreter prints."""
+    run = [sys.executable, "-c", code]
+    return subprocess.run(run, capture_output=True, text=True, check=True).stdout
+
+
+def test_there_are_at_most_25_names():
+    """What most users need, no more."""
+    assert len(PUBLIC) <= 25
+    assert set(cw._HOMES) == PUBLIC
+
+
+@pytest.mark.parametrize("name", sorted(PUBLIC))
+def test_every_name_exists_and_is_documented(name):
+    """And it is the thing itself, under its own name."""
+    value = getattr(cw, name)
+    assert value.__name__ == name
+    assert inspect.getdoc(value)
+    assert value.__module__ == f"comwalk.{cw._HOMES[name]}"
+
+
+def test_dir_lists_them():
+    """So that an interactive shell completes them."""
+    assert set(dir(cw)) >= PUBLIC
+    public = {name for name in dir(cw) if not name.startswith("_")}
+    modules = {path.stem for path in Path(cw.__file__).parent.glob("*.py")}
+    helpers = {"TYPE_CHECKING", "Any", "annotations", "import_module", "metadata"}
+    assert public - modules - helpers == PUBLIC
+
+
+def test_type_checkers_see_the_same_names():
+    """The imports for type checkers and those at run time are the same."""
+    tree = ast.parse(Path(cw.__file__).read_text(encoding="utf-8"))
+    [block] = [node for node in tree.body if isinstance(node, ast.If)]
+    seen = {
+        alias.asname: node.module
+        for node in block.body
+        if isinstance(node, ast.ImportFrom)
+        for alias in node.names
+        if alias.asname == alias.name
+    }
+    assert seen == cw._HOMES
+
+
+def test_unknown_names_are_attribute_errors():
+    """As of any module."""
+    with pytest.raises(AttributeError, match="has no attribute 'walk_on_water'"):
+        _ = cw.walk_on_water
+    assert not hasattr(cw, "numpy")
+
+
+def test_the_version_is_the_installed_one():
+    """Read from the package's metadata, when asked."""
+    try:
+        version = metadata.version("comwalk")
+    except metadata.PackageNotFoundError:
+        with pytest.raises(metadata.PackageNotFoundError):
+            _ = cw.__version__
+    else:
+        assert cw.__version__ == version
+
+
+def test_import_is_light():
+    """No work at import: neither physics nor plots nor numerics are loaded."""
+    heavy = ("mujoco", "matplotlib", "scipy", "numpy", "rich", "cyclopts")
+    code = f"import sys, comwalk; print([m for m in {heavy} if m in sys.modules])"
+    assert python(code).strip() == "[]"
+
+
+def test_the_paper_theory_needs_no_physics():
+    """Pattern and controller run without MuJoCo and without matplotlib."""
+    code = (
+        "import sys, comwalk as cw;"
+        "cw.make_pattern(cw.plan_steps(cw.Gait(), 4), cw.Pendulum()).at(1.0);"
+        "cw.Control(gains=cw.Gains()).check;"
+        "print([m for m in ('mujoco', 'matplotlib') if m in sys.modules])"
+    )
+    assert python(code).strip() == "[]"
+
+
+def test_eight_lines_from_robot_to_plot(tmp_path, monkeypatch):
+    """The lines of the module's own docstring run, with fewer steps."""
+    lines = re.findall(r"^    (.+)$", inspect.getdoc(cw), flags=re.MULTILINE)
+    assert len(lines) == 8
+    code = "\n".join(lines)
+    assert ", 20)" in code
+    monkeypatch.chdir(tmp_path)
+    exec(code.replace(", 20)", ", 1)"), {})
+    assert (tmp_path / "walk.png").stat().st_size > 10_000

@@ -12,7 +12,7 @@ import sys
 from collections.abc import Sequence
 from importlib import metadata
 
-from cyclopts import App, CycloptsError
+from cyclopts import App, CycloptsError, UnusedCliTokensError
 
 from .errors import ComwalkError
 
@@ -51,6 +51,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         )
         sys.stdout.flush()
         return code if isinstance(code, int) else COMPLETED
+    except UnusedCliTokensError as error:
+        return _refuse(f'unexpected "{(error.unused_tokens or [""])[0]}"; see --help')
     except (ComwalkError, CycloptsError) as error:
         return _refuse(str(error))
     except MemoryError:
@@ -61,6 +63,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
+    except OSError as error:
+        return _refuse(f"{error.filename or 'a file'}: {error.strerror}")
 
 
 def _app() -> App:
@@ -93,7 +97,7 @@ def _joined_pairs(words: list[str]) -> list[str]:
     joined: list[str] = []
     for word in words:
         if len(joined) > 1 and _PAIRS.fullmatch(joined[-2]):
-            if _is_number(joined[-1]) and _is_number(word):
+            if _is_number(joined[-1].rpartition(",")[2]) and _is_number(word):
                 joined[-1] += f",{word}"
                 continue
         joined.append(word)

@@ -31,12 +31,13 @@ from .config import (
     build_walk,
     command_line,
     fields_of,
+    is_motion_file,
     make_config,
     table_of,
 )
 from .errors import ParameterError, RunError
 from .footsteps import plan_steps
-from .motion import BUILTIN_MOTIONS, builtin_motion, load_motion
+from .motion import BUILTIN_MOTIONS, Motion, builtin_motion, load_motion
 from .pattern import coefficients, make_pattern, transfer_zmp
 
 if TYPE_CHECKING:
@@ -62,10 +63,11 @@ def _flags_of(kind: type, skipped: tuple[str, ...] = ()) -> type:
         default = getattr(defaults, name)
         text = texts.get(name, "")
         if dataclasses.is_dataclass(hint):
-            flags = _flags_of(hint)
-            rows.append((name, flags, dataclasses.field(default_factory=flags)))
+            flags, group = _flags_of(hint), Parameter(group=text.rstrip("."))
+            factory = dataclasses.field(default_factory=flags)
+            rows.append((name, Annotated[flags, group], factory))
         else:
-            note = Parameter(help=text + _shown(default), **_parsing(hint))
+            note = Parameter(help=text + _shown(default), **_parsing(hint, default))
             flag = Annotated[_hint(hint), note]
             rows.append((name, flag, dataclasses.field(default=None)))
     mirror = dataclasses.make_dataclass(f"{kind.__name__}Flags", rows, kw_only=True)
@@ -108,24 +110,33 @@ def _is_pair(hint: Any) -> bool:
     return any(get_args(option) == (float, float) for option in options)
 
 
-def _parsing(hint: Any) -> dict[str, Any]:
+def _parsing(hint: Any, default: Any) -> dict[str, Any]:
     """Return how the words of a flag are read."""
     if _is_pair(hint):
-        return {"converter": _read_pair, "n_tokens": 1, "negative": ()}
-    return {} if bool in (hint, *get_args(hint)) else {"negative": ()}
+        reading = {"converter": _read_pair, "n_tokens": 1, "metavar": "X[,Y]"}
+        return {**reading, "negative": ()}
+    if hint is int:
+        return {"converter": _read_whole, "negative": ()}
+    return {} if hint is bool and default else {"negative": ()}
+
+
+def _read_whole(hint: Any, tokens: Any) -> int:
+    """Return a whole number, without cutting off a fraction."""
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise ParameterError(f'not a whole number: "{tokens[0].value}"') from None
 
 
 def _read_pair(hint: Any, tokens: Any) -> tuple[float, ...]:
     """Return the numbers of "3" or "3,1.8"."""
-    token = tokens[0]
     try:
-        numbers = tuple(float(word) for word in token.value.split(","))
+        numbers = tuple(float(word) for word in tokens[0].value.split(","))
     except ValueError:
         numbers = ()
     if len(numbers) not in (1, 2):
         raise ParameterError(
-            f'{token.keyword} must be one number or two (3 or "3 1.8"), '
-            f'got "{token.value}"'
+            f'not one number or two, such as 3 or 3,1.8: "{tokens[0].value}"'
         )
     return numbers * 2 if len(numbers) == 1 else numbers
 
@@ -153,8 +164,9 @@ _File = Annotated[
     Path | None,
     Parameter(help="TOML file with the same keys, or summary.json of an earlier run."),
 ]
-_MotionFile = Annotated[
-    str | None, Parameter(help="CSV or NPZ file of joint angles to describe.")
+_MotionName = Annotated[
+    str | None,
+    Parameter(help="Built-in dance, or CSV or NPZ file of joint angles, to describe."),
 ]
 _Json = Annotated[
     bool, Parameter(help="Print one JSON object instead of a table.", negative=())
@@ -220,7 +232,7 @@ def pattern(*, flags: Any = None, config: _File = None) -> int:
         _print_json(numbers)
     else:
         rows = [(_PATTERN_ROWS.get(k, k), _number(v)) for k, v in numbers.items()]
-        _print_table("", ("", ""), rows)
+        _print_table(rows)
     return 0
 
 
@@ -271,32 +283,39 @@ def figures(
         _print_json(_plain(numbers))
     else:
         rows = list(_flat(_plain(numbers), ""))
-        _print_table("", ("", ""), [(k, _number(v)) for k, v in rows])
+        _print_table([(k, _number(v)) for k, v in rows])
         _print(f"written to {folder}")
     return 0
 
 
-def motions(file: _MotionFile = None, /, *, json: _Json = False) -> int:
-    """List the built-in dances, or describe a motion file."""
-    if file is not None:
-        rows = _motion_rows(file)
-    else:
+def motions(
+    motion: _MotionName = None,
+    /,
+    *,
+    robot: Annotated[str, Parameter(help="Whose joints a clip without names has.")] = (
+        "paper"
+    ),
+    json: _Json = False,
+) -> int:
+    """List the built-in dances, or describe one or a motion file."""
+    if motion is None:
         rows = [
             {"name": name, "what": text, "joints": list(builtin_motion(name).joints)}
             for name, text in BUILTIN_MOTIONS.items()
         ]
-    if json:
-        _print_json(rows)
-        return 0
-    _print_table(
-        "", tuple(rows[0]), [tuple(_cell(v) for v in row.values()) for row in rows]
-    )
+    elif is_motion_file(motion):
+        from .robot import load_robot
+
+        joints = load_robot(robot).joints
+        rows = _motion_rows(load_motion(motion, robot_joints=joints))
+    else:
+        rows = _motion_rows(builtin_motion(motion))
+    _print_rows(rows, json)
     return 0
 
 
-def _motion_rows(file: str) -> list[dict[str, Any]]:
-    """Return what a motion file holds, joint by joint."""
-    motion = load_motion(file)
+def _motion_rows(motion: Motion) -> list[dict[str, Any]]:
+    """Return what a motion holds, joint by joint."""
     low, high = motion.positions.min(axis=0), motion.positions.max(axis=0)
     return [
         {
@@ -322,12 +341,7 @@ def robots(*, json: _Json = False) -> int:
         mass = round(robot.mass, 2)
         row = {"name": name, "mass_kg": mass, "joints": len(robot.joints)}
         rows.append({**row, "com_height_m": round(height, 3), "what": text})
-    if json:
-        _print_json(rows)
-        return 0
-    _print_table(
-        "", tuple(rows[0]), [tuple(_cell(v) for v in row.values()) for row in rows]
-    )
+    _print_rows(rows, json)
     return 0
 
 
@@ -389,14 +403,15 @@ def _perform(
     """Simulate, save and print; return the exit code."""
     from .run import prepare_folder
 
-    folder, made = _new_folder(settings.out, command)
+    folder = _run_folder(settings.out, command)
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
     prepare_folder(folder)
     try:
         with _progress(setup.pattern.duration, settings.json) as progress:
             run = _simulate(settings, setup, eps, progress)
     except BaseException:
-        if made:
-            folder.rmdir()
+        for path in missing:
+            path.rmdir()
         raise
     notes = {"command": words, "config": table_of(settings), "out": str(folder)}
     run = dataclasses.replace(run, settings={**run.settings, **notes})
@@ -408,15 +423,15 @@ def _perform(
     return 0 if run.outcome.ok else 1
 
 
-def _new_folder(out: str | None, command: str) -> tuple[Path, bool]:
-    """Return the folder of a run, and whether it is new."""
-    if out is None:
-        begin = datetime.now().strftime("%Y-%m-%d-%H%M%S")
-        folder, k = Path("runs") / f"{begin}-{command}", 2
-        while folder.exists():
-            folder, k = folder.with_name(f"{begin}-{k}-{command}"), k + 1
-        return folder, True
-    return Path(out), not Path(out).exists()
+def _run_folder(out: str | None, command: str) -> Path:
+    """Return the folder of a run: as asked, or a new one under runs/."""
+    if out is not None:
+        return Path(out)
+    begin = datetime.now().strftime("%Y-%m-%d-%H%M%S")
+    folder, k = Path("runs") / f"{begin}-{command}", 2
+    while folder.exists():
+        folder, k = Path("runs") / f"{begin}-{k}-{command}", k + 1
+    return folder
 
 
 def _simulate(
@@ -521,11 +536,18 @@ def _print_json(value: Any) -> None:
     print(json.dumps(value, indent=2, allow_nan=False))
 
 
-def _print_table(title: str, head: tuple[str, ...], rows: list[tuple]) -> None:
+def _print_rows(rows: list[dict[str, Any]], as_json: bool) -> None:
+    """Print dictionaries of the same keys as a table, or as JSON."""
+    if as_json:
+        _print_json(rows)
+        return
+    cells = [tuple(_cell(v) for v in row.values()) for row in rows]
+    _print_table(cells, tuple(rows[0]))
+
+
+def _print_table(rows: list[tuple], head: tuple[str, ...] = ("", "")) -> None:
     """Print a table without lines."""
-    table = Table(
-        *head, title=title or None, box=None, show_header=any(head), pad_edge=False
-    )
+    table = Table(*head, box=None, show_header=any(head), pad_edge=False)
     for row in rows:
         table.add_row(*row)
     Console(markup=False, emoji=False, highlight=False).print(table)
@@ -535,7 +557,7 @@ def _print_summary(summary: dict[str, Any], folder: Path) -> None:
     """Print the short table of a run."""
     rows = [(name, text) for name, text in _summary_rows(summary) if text]
     rows.append(("written to", str(folder)))
-    _print_table("", ("", ""), rows)
+    _print_table(rows)
 
 
 def _summary_rows(s: dict[str, Any]) -> Iterator[tuple[str, str]]:

@@ -159,6 +159,7 @@ class WalkConfig(RobotConfig):
         """
         super().__post_init__()
         checked_count("steps", self.steps, 1, 100_000)
+        _check_dance(self, "motion_")
         if self.disturbance is not None:
             for name, value, unit in zip("ab", self.disturbance, _RATES, strict=True):
                 checked_number(f"disturbance ({name})", value, unit=unit, low=0)
@@ -179,6 +180,25 @@ class WalkConfig(RobotConfig):
 
 
 _RATES = ("m/s", "m/s^2")
+
+
+def _check_dance(config: RobotConfig, prefix: str) -> None:
+    """Check the numbers of a dance, which a walk calls motion_..."""
+    for name, (unit, low, high, open_low) in _DANCE_LIMITS.items():
+        value = getattr(config, prefix + name)
+        if value is not None:
+            checked_number(
+                prefix + name, value, unit=unit, low=low, high=high, open_low=open_low
+            )
+
+
+_DANCE_LIMITS = {
+    "amplitude": ("rad", 0.0, 2.5, True),
+    "frequency": ("Hz", 0.0, 3.0, True),
+    "scale": ("", 0.0, 100.0, False),
+    "speed": ("", 1e-3, 1e3, False),
+    "blend": ("s", 0.0, 3600.0, True),
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -212,6 +232,7 @@ class DanceConfig(RobotConfig):
         super().__post_init__()
         if self.duration is not None:
             checked_number("duration", self.duration, unit="s", low=1, high=3600)
+        _check_dance(self, "")
         width = self.half_width
         checked_number("half_width", width, unit="m", low=0.02, high=0.4)
 
@@ -427,6 +448,8 @@ def _typed(value: Any, hint: Any, where: str) -> Any:
         isinstance(value, bool) and hint is not bool
     ):
         raise ParameterError(f"{where} must be {_WORDS[hint]}, got {value!r}")
+    if isinstance(value, str) and not value.isprintable():
+        raise ParameterError(f"{where} must be printable text, got {value!r}")
     return value
 
 

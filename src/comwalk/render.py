@@ -10,8 +10,9 @@ import math
 from collections.abc import Callable, Generator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -33,9 +34,9 @@ class View:
     """Width [pixel], in [16, 4096]."""
     height: int = 480
     """Height [pixel], in [16, 4096]."""
-    azimuth: float = math.radians(35.0)
+    azimuth: float = math.radians(38.0)
     """Where the camera stands, seen from the robot's front, left positive [rad]."""
-    elevation: float = math.radians(14.0)
+    elevation: float = math.radians(18.0)
     """How far the camera stands above the horizon [rad], in (-pi/2, pi/2)."""
     distance: float = 1.75
     """Distance of the camera, in heights of the robot [-], in [0.1, 100]."""
@@ -327,24 +328,25 @@ def _film(recording: _Recording, view: View) -> Generator[Film]:
     model = copy.copy(recording.model)
     width, height = view.smooth * int(view.width), view.smooth * int(view.height)
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
-    model.vis.quality.offsamples = 0
     data, camera = mujoco.MjData(model), mujoco.MjvCamera()
     tall = _height(model, data, recording.qpos[0])
+    azimuth = _heading(recording.qpos) + view.azimuth
+    camera.azimuth = math.degrees(azimuth) + 180.0
     camera.elevation = -math.degrees(view.elevation)
     camera.distance = view.distance * tall
-    yaw = _heading(recording.qpos)
+    lamp = _light(model, azimuth, tall)
     try:
         renderer = mujoco.Renderer(model, height, width, max_geom=20000)
     except Exception as error:  # each backend has its own errors
         raise no_opengl(error) from None
 
     def film(row: int) -> np.ndarray:
+        camera.lookat[:] = *recording.center[row], 0.52 * tall
+        model.light_pos[:] = camera.lookat + lamp
         data.qpos[:] = recording.qpos[row]
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)
-        camera.lookat[:] = *recording.center[row], 0.52 * tall
-        camera.azimuth = math.degrees(yaw + view.azimuth) + 180.0
         renderer.update_scene(data, camera)
         renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = view.shadows
         if view.overlays:
@@ -353,6 +355,25 @@ def _film(recording: _Recording, view: View) -> Generator[Film]:
 
     with renderer:
         yield film
+
+
+def _light(model: mujoco.MjModel, azimuth: float, tall: float) -> np.ndarray:
+    """Light a scene from beside the camera, and return the lamp's place [m].
+
+    A far spot lamp that follows the robot has the sharpest shadows; the shadow map of
+    a directional light is too coarse for a floor without end.
+    """
+    model.vis.quality.offsamples = 0
+    model.vis.map.znear, model.vis.map.zfar = 0.05, 25.0
+    model.vis.map.shadowscale = 0.1
+    model.vis.rgba.haze[:] = (0.80, 0.84, 0.89, 1.0)
+    angle = azimuth - math.radians(70.0)
+    toward = np.array([0.54 * math.cos(angle), 0.54 * math.sin(angle), 1.0])
+    toward /= np.linalg.norm(toward)
+    model.light_type[:] = int(mujoco.mjtLightType.mjLIGHT_SPOT)
+    model.light_dir[:], model.light_attenuation[:] = -toward, (1.0, 0.0, 0.0)
+    model.light_cutoff[:], model.light_exponent[:] = 89.0, 0.0
+    return 9.0 * tall * toward
 
 
 def _shrunk(picture: np.ndarray, factor: int) -> np.ndarray:
@@ -400,11 +421,14 @@ def _draw_floor(scene: mujoco.MjvScene, recording: _Recording, row: int) -> None
 
 
 def _draw_print(scene: mujoco.MjvScene, mark: _Print, now: float) -> None:
-    """Draw a footprint: where the foot stood, or faintly where it will."""
+    """Draw a footprint: filled where the foot stood, its outline where it will."""
+    if mark.landed > now:
+        outline = np.vstack([mark.corners, mark.corners[:1]])
+        _draw_path(scene, outline, (*_COLORS[mark.side], 0.7), 0.0015)
+        return
     size = np.array([mark.size[0], mark.size[1], 0.0006])
     place = np.array([mark.center[0], mark.center[1], 0.0006])
-    alpha = 0.38 if mark.landed <= now else 0.12
-    rgba = np.array([*_COLORS[mark.side], alpha], np.float32)
+    rgba = np.array([*_COLORS[mark.side], 0.4], np.float32)
     box, rotation = mujoco.mjtGeom.mjGEOM_BOX, mark.rotation.ravel()
     _add(scene, lambda g: mujoco.mjv_initGeom(g, box, size, place, rotation, rgba))
 
@@ -418,7 +442,7 @@ def _draw_path(
     """Draw a path on the floor."""
     kind, color = mujoco.mjtGeom.mjGEOM_CAPSULE, np.array(rgba, np.float32)
     spots = np.column_stack([points, np.full(len(points), radius)])
-    for a, b in zip(spots, spots[1:], strict=False):
+    for a, b in pairwise(spots):
         if np.isfinite(a + b).all() and (np.abs(a - b) > 1e-4).any():
             geom = _add(
                 scene,

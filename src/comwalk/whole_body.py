@@ -8,7 +8,8 @@ swing foot and the embedded motion as given limb motions.
 from __future__ import annotations
 
 import math
-from typing import Protocol
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -30,7 +31,7 @@ from .resolution import (
 from .robot import LEGS, Kinematics, Robot
 from .sensing import Contact, Measurement, tilt_of, zmp_from_wrenches
 from .settings import BodySettings
-from .spatial import level_error, rotation_yaw, yaw_of
+from .spatial import level_error, yaw_of
 
 
 class Body(Protocol):
@@ -119,8 +120,8 @@ class WholeBody:
         self._weight = robot.mass * self._gravity
         feet = [robot.feet[side] for side in Side]
         self._foot_sites = np.array(
-            [foot.site for foot in feet] + [foot.sensor_site for foot in feet]
-        )
+            [foot.site for foot in feet] + [foot.sensor_site for foot in feet] + [0]
+        )  # the last place is for the CoM
         self._sensed_q = np.zeros(len(robot.home))
         self._sensed_q[3] = 1.0
         self._foot_weights = [foot.mass * self._gravity for foot in feet]
@@ -178,31 +179,31 @@ class WholeBody:
         """
         self._sensed_q[7:] = sensors.positions
         self._sensed.update(self._sensed_q)
-        positions, rotations = self._sensed.sites(self._foot_sites)
+        points, rotations = self._sensed.sites(self._foot_sites)
+        points[4] = self._sensed.com
         if reference.support is not self._support:
-            self._change_support(reference, positions, rotations)
-        M, r = self._anchor(self._support, reference, positions, rotations)
-        com = r + M @ self._sensed.com
-        contacts = self._contacts(
-            sensors.wrenches, r + positions[2:] @ M.T, M @ rotations[2:]
-        )
+            self._change_support(reference, points, rotations)
+        place, seen = self._place(self._support, reference, points, rotations)
+        R = rotations[_FOOT_INDEX[self._support]].T @ rotations[2:4]
+        contacts = self._contacts(sensors.wrenches, seen, R, place)
         load = contacts[0].force[2] + contacts[1].force[2]
         zmp = zmp_from_wrenches(contacts, least_load=0.05 * self._weight)
         self._zmp = self._zmp if zmp is None else zmp
+        com = np.array(place.of(seen[4]))
         return Measurement(com, self._zmp, load, tilt_of(sensors.orientation))
 
-    def _anchor(
+    def _place(
         self,
         side: Side,
         reference: Reference,
-        positions: np.ndarray,
+        points: np.ndarray,
         rotations: np.ndarray,
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """Return M, r so that x_world = r + M x, from where a sole stands."""
+    ) -> tuple[_Place, list[list[float]]]:
+        """Return where a sole stands, and the points as seen from it, in its axes."""
         k = _FOOT_INDEX[side]
         x, y, yaw = self._foothold(side, reference)
-        M = rotation_yaw(yaw) @ rotations[k].T
-        return M, (x, y, 0.0) - M @ positions[k]
+        seen = (points - points[k]) @ rotations[k]
+        return _Place(x, y, math.cos(yaw), math.sin(yaw)), seen.tolist()
 
     def _foothold(self, side: Side, reference: Reference) -> tuple[float, float, float]:
         """Return where a sole stands: x [m], y [m], yaw [rad]."""
@@ -212,33 +213,41 @@ class WholeBody:
         return x + dx, y + dy, foot.yaw + dyaw
 
     def _change_support(
-        self, reference: Reference, positions: np.ndarray, rotations: np.ndarray
+        self, reference: Reference, points: np.ndarray, rotations: np.ndarray
     ) -> None:
         """Find where the new supporting sole stands, seen from the old one."""
-        side = reference.support
-        M, r = self._anchor(self._support, reference, positions, rotations)
-        k = _FOOT_INDEX[side]
-        x, y, _ = (r + M @ positions[k]).tolist()
-        yaw = yaw_of(M @ rotations[k])
-        self._offsets[side] = (0.0, 0.0, 0.0)
-        x_d, y_d, yaw_d = self._foothold(side, reference)
+        old, new = self._support, reference.support
+        place, seen = self._place(old, reference, points, rotations)
+        x, y, _ = place.of(seen[_FOOT_INDEX[new]])
+        R = rotations[_FOOT_INDEX[old]].T @ rotations[_FOOT_INDEX[new]]
+        yaw = self._foothold(old, reference)[2] + yaw_of(R)
+        self._offsets[new] = (0.0, 0.0, 0.0)
+        x_d, y_d, yaw_d = self._foothold(new, reference)
         turn = math.remainder(yaw - yaw_d, math.tau)
-        self._offsets[side] = (x - x_d, y - y_d, turn)
-        self._support = side
+        self._offsets[new] = (x - x_d, y - y_d, turn)
+        self._support = new
 
     def _contacts(
-        self, wrenches: np.ndarray, points: np.ndarray, R: np.ndarray
+        self,
+        wrenches: np.ndarray,
+        seen: list[list[float]],
+        R: np.ndarray,
+        place: _Place,
     ) -> list[Contact]:
-        """Return each foot's ground force: what its sensor feels, and its weight."""
+        """Return each foot's ground force: what its sensor feels, and its weight.
+
+        The sensors' points and rotations R are those seen from the supporting sole.
+        """
         local = self._ankle_vectors
         local[:, :, 0], local[:, :, 1] = wrenches[:, :3], wrenches[:, 3:]
         contacts = []
         for point, vectors, weight in zip(
-            points.tolist(), (R @ local).tolist(), self._foot_weights, strict=True
+            seen[2:4], (R @ local).tolist(), self._foot_weights, strict=True
         ):
             (f_x, m_x, x), (f_y, m_y, y), (f_z, m_z, _) = vectors
-            moment = (m_x + y * weight, m_y - x * weight, m_z)
-            contacts.append(Contact(point, (f_x, f_y, f_z + weight), moment))
+            force = place.turn((f_x, f_y, f_z + weight))
+            moment = place.turn((m_x + y * weight, m_y - x * weight, m_z))
+            contacts.append(Contact(place.of(point), force, moment))
         return contacts
 
     def act(self, control: ControlOutput, reference: Reference) -> Command:
@@ -369,6 +378,25 @@ class WholeBody:
         shares = [load * w for w in wrench] + [(1.0 - load) * w for w in wrench]
         carried = self._commanded.holding_forces(reference.com_acceleration)
         return carried[6:] - np.array(shares) @ posture.jacobian[3:15, 6:]
+
+
+class _Place(NamedTuple):
+    """Where a level sole stands: position [m] and cosine and sine of its yaw."""
+
+    x: float
+    y: float
+    c: float
+    s: float
+
+    def turn(self, v: Sequence[float]) -> tuple[float, float, float]:
+        """Return a vector in world axes, given in the sole's."""
+        x, y, z = v
+        return self.c * x - self.s * y, self.s * x + self.c * y, z
+
+    def of(self, point: Sequence[float]) -> tuple[float, float, float]:
+        """Return a point in the world, given in the sole's frame."""
+        x, y, z = self.turn(point)
+        return self.x + x, self.y + y, z
 
 
 _FOOT_INDEX = {side: k for k, side in enumerate(Side)}

@@ -41,9 +41,12 @@ ORDER = (
     "summary",
     "plot",
     "run",
-    "figures",
+    "gl",
+    "render",
     # For people.
     "config",
+    "figures",
+    "flags",
     "commands",
     "cli",
     "__main__",
@@ -54,7 +57,7 @@ PACKAGES = {
     "mujoco": {"robot", "simulator", "run", "render"},
     "matplotlib": {"plot", "figures", "render"},
     "rich": {"cli", "commands"},
-    "cyclopts": {"cli", "commands"},
+    "cyclopts": {"cli", "commands", "flags"},
 }
 """Where a package may be imported."""
 
@@ -232,9 +235,8 @@ def test_most_bodies_are_short():
 def test_classes_are_abstract_or_final():
     """Nothing is inherited but protocols, tuples, enumerations, errors and flags."""
     roots = {"Protocol", "NamedTuple", "IntEnum", "StrEnum", "Enum", "TypedDict"}
-    for module in sorted({*MODULES} - {"errors", "config"}):
+    for module in sorted({*MODULES} - {"config"}):
         for node in ast.walk(tree_of(module)):
-            if not isinstance(node, ast.ClassDef):
-                continue
-            bases = {ast.unparse(base).split("[")[0] for base in node.bases}
-            assert bases <= roots, f"{module}.{node.name}"
+            if isinstance(node, ast.ClassDef) and not node.name.endswith("Error"):
+                bases = {ast.unparse(base).split("[")[0] for base in node.bases}
+                assert bases <= roots, f"{module}.{node.name}"

@@ -178,7 +178,7 @@ def test_one_tick_by_hand():
     controller = started()
     reference = Asked(com=(0.01, 0.02), com_velocity=(0.1, 0.0), zmp=(0.03, 0.0))
     out = controller.step(reference, com=(0.0, 0.03), zmp=(0.01, -0.02))
-    a = 1 - math.exp(-2 * math.pi * 5.0 * DT)
+    a = 1 - math.exp(-2 * math.pi * 4.0 * DT)
     e_p = np.array([a * 0.02, a * 0.02])
     assert out.com_error == pytest.approx([0.01, -0.01])
     assert out.zmp_error == pytest.approx(e_p)

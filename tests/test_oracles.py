@@ -31,7 +31,7 @@ from comwalk.resolution import CartesianMotion, Damping, JointMotion, Resolver
 from comwalk.robot import Kinematics, Robot
 from comwalk.run import Run, simulate
 from comwalk.sensing import Contact, zmp_from_wrenches
-from comwalk.spatial import rotation_error, shift
+from comwalk.spatial import rotate_twist, rotation_error, shift
 
 ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -182,6 +182,22 @@ def test_jacobians(oracle):
     for q in configurations(oracle.robot, 20, seed=2):
         J = kinematics.posture(q).jacobian
         assert np.abs(J - oracle.jacobian(q)).max() < 1e-9
+
+
+def test_joint_columns_turn_with_the_body(oracle):
+    """Eqs. (14), (17): J_i = X_o oJ_i, with oJ_i that of a body that is not turned."""
+    kinematics = Kinematics(oracle.robot)
+    for q in configurations(oracle.robot, 5, seed=10):
+        level = q.copy()
+        level[:7] = [0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]
+        turned, o = kinematics.posture(q), kinematics.posture(level)
+        R_o = turned.rotation
+        X_o = rotate_twist(R_o)
+        for i in range(len(oracle.robot.limbs)):
+            o_J = o.end_jacobian(i)[:, 6:]
+            assert np.abs(turned.end_jacobian(i)[:, 6:] - X_o @ o_J).max() < 1e-12
+        o_J_c = o.com_jacobian[:, 6:]
+        assert np.abs(turned.com_jacobian[:, 6:] - R_o @ o_J_c).max() < 1e-12
 
 
 def test_a_posture_outlives_the_next_one(oracle):

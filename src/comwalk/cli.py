@@ -58,8 +58,11 @@ def main(argv: Sequence[str] | None = None) -> int:
     except MemoryError:
         return _refuse("not enough memory; take fewer steps, or a longer period")
     except KeyboardInterrupt:
-        _say("interrupted")
-        return INTERRUPTED
+        return _stopped()
+    except ImportError as error:
+        if not isinstance(error.__cause__, KeyboardInterrupt):
+            raise
+        return _stopped()  # a compiled module was being imported
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
@@ -79,6 +82,12 @@ def _app() -> App:
     for name, text in _COMMANDS.items():
         app.command(f"{__package__}.commands:{name}", name=name, help=text)
     return app
+
+
+def _stopped() -> int:
+    """Say that the user stopped the program."""
+    _say("interrupted")
+    return INTERRUPTED
 
 
 def _refuse(message: str) -> int:

@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-import ast
 import dataclasses
-import inspect
 import json
-import textwrap
-import types
-from collections.abc import Callable, Iterator
+import sys
+from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from datetime import datetime
-from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from cyclopts import Parameter
@@ -30,12 +26,12 @@ from .config import (
     build_dance,
     build_walk,
     command_line,
-    fields_of,
     is_motion_file,
     make_config,
     table_of,
 )
-from .errors import ParameterError, RunError
+from .errors import RunError
+from .flags import flags_of, given_flags, with_flags
 from .footsteps import plan_steps
 from .motion import BUILTIN_MOTIONS, Motion, builtin_motion, load_motion
 from .pattern import coefficients, make_pattern, transfer_zmp
@@ -47,114 +43,11 @@ LARGEST_REPLAY_ERROR = 1e-6
 """Largest difference of a replay from its record [m, rad]."""
 
 
-# ---- Flags ------------------------------------------------------------------------
+# ---- Flags ----------------------------------------------------------------------
 
-
-def _flags_of(kind: type, skipped: tuple[str, ...] = ()) -> type:
-    """Return a dataclass of flags that mirrors one of settings; None means not given.
-
-    Its help texts are the docstrings of the fields.
-    """
-    texts, defaults = _field_texts(kind), kind()
-    rows: list[tuple[str, Any, Any]] = []
-    for name, hint in fields_of(kind).items():
-        if name in skipped:
-            continue
-        default = getattr(defaults, name)
-        text = texts.get(name, "")
-        if dataclasses.is_dataclass(hint):
-            flags, group = _flags_of(hint), Parameter(group=text.rstrip("."))
-            factory = dataclasses.field(default_factory=flags)
-            rows.append((name, Annotated[flags, group], factory))
-        else:
-            note = Parameter(help=text + _shown(default), **_parsing(hint, default))
-            flag = Annotated[_hint(hint), note]
-            rows.append((name, flag, dataclasses.field(default=None)))
-    mirror = dataclasses.make_dataclass(f"{kind.__name__}Flags", rows, kw_only=True)
-    mirror.__module__ = __name__
-    return mirror
-
-
-def _field_texts(kind: type) -> dict[str, str]:
-    """Return the docstring under each field of a dataclass and its bases."""
-    texts: dict[str, str] = {}
-    for base in reversed(kind.__mro__[:-1]):
-        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
-        for field, text in pairwise(getattr(tree, "body", ())):
-            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
-                words = ast.literal_eval(text.value).split()
-                texts[ast.unparse(field.target)] = " ".join(words)
-    return texts
-
-
-def _shown(default: Any) -> str:
-    """Return a default value for a help text."""
-    if default is None or default is False or default == ():
-        return ""
-    text = (
-        ", ".join(f"{x:g}" for x in default) if isinstance(default, tuple) else default
-    )
-    return f" (default {str(text).lower() if default is True else text})"
-
-
-def _hint(hint: Any) -> Any:
-    """Return the type of a flag: that of the field, or None when not given."""
-    if get_origin(hint) is tuple and get_args(hint)[-1] is Ellipsis:
-        return list[str] | None
-    return Any if _is_pair(hint) else hint | None
-
-
-def _is_pair(hint: Any) -> bool:
-    """Return whether a field holds a pair of numbers, or none."""
-    options = get_args(hint) if isinstance(hint, types.UnionType) else (hint,)
-    return any(get_args(option) == (float, float) for option in options)
-
-
-def _parsing(hint: Any, default: Any) -> dict[str, Any]:
-    """Return how the words of a flag are read."""
-    if _is_pair(hint):
-        reading = {"converter": _read_pair, "n_tokens": 1, "metavar": "X[,Y]"}
-        return {**reading, "negative": ()}
-    if hint is int:
-        return {"converter": _read_whole, "negative": ()}
-    return {} if hint is bool and default else {"negative": ()}
-
-
-def _read_whole(hint: Any, tokens: Any) -> int:
-    """Return a whole number, without cutting off a fraction."""
-    try:
-        return int(tokens[0].value)
-    except ValueError:
-        raise ParameterError(f'not a whole number: "{tokens[0].value}"') from None
-
-
-def _read_pair(hint: Any, tokens: Any) -> tuple[float, ...]:
-    """Return the numbers of "3" or "3,1.8"."""
-    try:
-        numbers = tuple(float(word) for word in tokens[0].value.split(","))
-    except ValueError:
-        numbers = ()
-    if len(numbers) not in (1, 2):
-        raise ParameterError(
-            f'not one number or two, such as 3 or 3,1.8: "{tokens[0].value}"'
-        )
-    return numbers * 2 if len(numbers) == 1 else numbers
-
-
-def _given(flags: Any) -> dict[str, Any]:
-    """Return the flags that were given, with tables for groups."""
-    given: dict[str, Any] = {}
-    for name, value in vars(flags).items():
-        if dataclasses.is_dataclass(value):
-            value = _given(value) or None
-        if value is not None:
-            given[name] = tuple(value) if isinstance(value, list) else value
-    return given
-
-
-_WalkFlags = _flags_of(WalkConfig, ("robot",))
-_DanceFlags = _flags_of(DanceConfig, ("robot",))
-_PatternFlags = _flags_of(PatternConfig)
+_WalkFlags = flags_of(WalkConfig, ("robot",))
+_DanceFlags = flags_of(DanceConfig, ("robot",))
+_PatternFlags = flags_of(PatternConfig)
 
 _Robot = Annotated[
     str | None,
@@ -173,50 +66,38 @@ _Json = Annotated[
 ]
 
 
-def _with_flags(kind: type) -> Callable[[Callable], Callable]:
-    """Give a command's parameter `flags` its type, which is made at run time."""
-
-    def decorate(function: Callable) -> Callable:
-        flat = Annotated[kind, Parameter(name="*")]
-        function.__annotations__["flags"] = flat
-        function.__kwdefaults__["flags"] = kind()
-        return function
-
-    return decorate
-
-
 # ---- Commands ---------------------------------------------------------------------
 
 
-@_with_flags(_WalkFlags)
+@with_flags(_WalkFlags)
 def walk(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -> int:
     """Walk in physics: with no arguments the paper's gait, 20 steps.
 
     Exit code 0 if the walk was completed, 1 if the robot fell or was stopped.
     """
-    given = _given(flags) | ({} if robot is None else {"robot": robot})
+    given = given_flags(flags) | ({} if robot is None else {"robot": robot})
     settings = make_config(WalkConfig, given, config)
     setup = build_walk(settings)
     words = command_line("walk", given, config)
-    return _perform(settings, setup, "walk", words, settings.eps)
+    return _perform(settings, setup, "walk", words)
 
 
-@_with_flags(_DanceFlags)
+@with_flags(_DanceFlags)
 def dance(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -> int:
     """Dance with both feet on the ground (Fig. 6).
 
     Exit code 0 if the dance was completed, 1 if the robot fell or was stopped.
     """
-    given = _given(flags) | ({} if robot is None else {"robot": robot})
+    given = given_flags(flags) | ({} if robot is None else {"robot": robot})
     settings = make_config(DanceConfig, given, config)
     words = command_line("dance", given, config)
     return _perform(settings, build_dance(settings), "dance", words)
 
 
-@_with_flags(_PatternFlags)
+@with_flags(_PatternFlags)
 def pattern(*, flags: Any = None, config: _File = None) -> int:
     """Print the numbers of the walking pattern, Eqs. (4)-(13); Fig. 3 with --out."""
-    settings = make_config(PatternConfig, _given(flags), config)
+    settings = make_config(PatternConfig, given_flags(flags), config)
     numbers = _pattern_numbers(settings)
     if settings.out is not None:
         from .plot import plot_pattern
@@ -281,10 +162,14 @@ def figures(
         numbers = draw_figures(folder, progress=say)
     if json:
         _print_json(_plain(numbers))
-    else:
-        rows = list(_flat(_plain(numbers), ""))
-        _print_table([(k, _number(v)) for k, v in rows])
-        _print(f"written to {folder}")
+        return 0
+    rows = [
+        (figure, name, *(_number(row[k]) for k in ("paper", "ours", "unit")))
+        for figure, quantities in numbers.items()
+        for name, row in quantities.items()
+    ]
+    _print_table(rows, ("figure", "quantity", "paper", "ours", "unit"))
+    _print(f"written to {folder}")
     return 0
 
 
@@ -393,13 +278,7 @@ def _read_summary(folder: Path) -> dict[str, Any]:
 # ---- Running ----------------------------------------------------------------------
 
 
-def _perform(
-    settings: RobotConfig,
-    setup: Setup,
-    command: str,
-    words: str,
-    eps: Any = None,
-) -> int:
+def _perform(settings: RobotConfig, setup: Setup, command: str, words: str) -> int:
     """Simulate, save and print; return the exit code."""
     from .run import prepare_folder
 
@@ -408,12 +287,13 @@ def _perform(
     prepare_folder(folder)
     try:
         with _progress(setup.pattern.duration, settings.json) as progress:
-            run = _simulate(settings, setup, eps, progress)
+            run = _simulate(settings, setup, progress)
     except BaseException:
         for path in missing:
             path.rmdir()
         raise
-    notes = {"command": words, "config": table_of(settings), "out": str(folder)}
+    table = table_of(dataclasses.replace(settings, out=None, json=False))
+    notes = {"command": words, "config": table, "out": str(folder)}
     run = dataclasses.replace(run, settings={**run.settings, **notes})
     run.save(folder)
     summary = run.summary()
@@ -434,15 +314,16 @@ def _run_folder(out: str | None, command: str) -> Path:
     return folder
 
 
-def _simulate(
-    settings: RobotConfig, setup: Setup, eps: Any, progress: Callable | None
-) -> Run:
+def _simulate(settings: RobotConfig, setup: Setup, progress: Callable | None) -> Run:
     """Simulate with the robot or with the simplified model."""
     from .run import simulate, simulate_pendulum
 
     if setup.robot is None:
         return simulate_pendulum(
-            setup.pattern, control=setup.control, disturbance=eps, progress=progress
+            setup.pattern,
+            control=setup.control,
+            disturbance=setup.disturbance,
+            progress=progress,
         )
     return simulate(
         setup.robot,
@@ -499,12 +380,14 @@ def _save_dance(run: Run, summary: dict[str, Any], folder: Path) -> dict[str, An
 
 
 @contextmanager
-def _progress(duration: float, quiet: bool) -> Iterator[Callable[[float], None] | None]:
+def _progress(
+    duration: float, quiet: bool
+) -> Generator[Callable[[float], None] | None]:
     """Show a progress bar on a terminal; yield what moves it."""
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
+    if quiet or not sys.stderr.isatty():
         yield None
         return
+    console = Console(stderr=True)
     columns = (
         TextColumn("{task.completed:.1f} of {task.total:.1f} s"),
         BarColumn(),
@@ -516,12 +399,12 @@ def _progress(duration: float, quiet: bool) -> Iterator[Callable[[float], None] 
 
 
 @contextmanager
-def _status(quiet: bool) -> Iterator[Callable[[str], None] | None]:
+def _status(quiet: bool) -> Generator[Callable[[str], None] | None]:
     """Show on a terminal what is being done; yield what changes it."""
-    console = Console(stderr=True)
-    if quiet or not console.is_terminal:
+    if quiet or not sys.stderr.isatty():
         yield None
         return
+    console = Console(stderr=True)
     with console.status("drawing") as status:
         yield status.update
 
@@ -555,9 +438,8 @@ def _print_table(rows: list[tuple], head: tuple[str, ...] = ("", "")) -> None:
 
 def _print_summary(summary: dict[str, Any], folder: Path) -> None:
     """Print the short table of a run."""
-    rows = [(name, text) for name, text in _summary_rows(summary) if text]
-    rows.append(("written to", str(folder)))
-    _print_table(rows)
+    _print_table([(name, text) for name, text in _summary_rows(summary) if text])
+    _print(f"written to {folder}")
 
 
 def _summary_rows(s: dict[str, Any]) -> Iterator[tuple[str, str]]:
@@ -599,22 +481,15 @@ def _xy(value: dict[str, float] | None) -> str:
 
 
 def _number(value: Any) -> str:
-    """Return a number or text for a table."""
+    """Return a number or text for a table; empty for what is not stated."""
+    if value is None:
+        return ""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _cell(value: Any) -> str:
     """Return a value for a table."""
     return ", ".join(value) if isinstance(value, list) else _number(value)
-
-
-def _flat(value: Any, prefix: str) -> Iterator[tuple[str, Any]]:
-    """Yield the leaves of nested tables with dotted names."""
-    for name, item in value.items():
-        if isinstance(item, dict):
-            yield from _flat(item, f"{prefix}{name}.")
-        else:
-            yield f"{prefix}{name}", item
 
 
 def _plain(value: Any) -> Any:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
+import os
 import re
 import shlex
 import tomllib
@@ -18,7 +19,15 @@ import types
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_args, get_origin
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    Literal,
+    TypeVar,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from .control import ControlSettings, Gains
 from .errors import ComwalkError, MotionError, ParameterError, checked_number, nearest
@@ -32,7 +41,6 @@ from .footsteps import (
     plan_steps,
 )
 from .motion import (
-    BUILTIN_MOTIONS,
     EmbeddedMotion,
     JointLimit,
     Motion,
@@ -170,13 +178,6 @@ class WalkConfig(RobotConfig):
                 raise ParameterError(
                     f'{name} is for plant "{other}", not for the {self.plant}'
                 )
-
-    @property
-    def eps(self) -> Disturbance:
-        """The disturbance of the pendulum."""
-        if self.disturbance is None:
-            return no_disturbance
-        return random_bounded(*self.disturbance, seed=self.seed)
 
 
 _RATES = ("m/s", "m/s^2")
@@ -363,7 +364,7 @@ def _underscored(value: Any) -> Any:
     return {str(k).replace("-", "_"): _underscored(v) for k, v in value.items()}
 
 
-def fields_of(kind: type) -> dict[str, Any]:
+def fields_of(kind: Any) -> dict[str, Any]:
     """Return the fields of a dataclass that a user may give.
 
     Args:
@@ -372,9 +373,7 @@ def fields_of(kind: type) -> dict[str, Any]:
     Returns:
         Type hints by name.
     """
-    import typing
-
-    hints = typing.get_type_hints(kind)
+    hints = get_type_hints(kind)
     names = [f.name for f in dataclasses.fields(kind) if f.init]
     return {n: hints[n] for n in names if (kind, n) not in _UNSEEN}
 
@@ -516,13 +515,15 @@ def command_line(command: str, given: Table, file: str | Path | None = None) -> 
         Words quoted for a shell.
 
     Example:
-        >>> command_line("walk", {"steps": 4, "gains": {"zmp": (3.0, 1.8)}})
-        'comwalk walk --steps 4 --gains.zmp 3.0,1.8'
+        >>> given = {"robot": "paper", "steps": 4, "gains": {"zmp": (3.0, 1.8)}}
+        >>> command_line("walk", given)
+        'comwalk walk paper --steps 4 --gains.zmp 3.0,1.8'
     """
-    words = ["comwalk", command]
+    flags = dict(given)
+    words = ["comwalk", command, *filter(None, [flags.pop("robot", None)])]
     if file is not None:
         words += ["--config", str(file)]
-    return shlex.join([*words, *_flags(given, "")])
+    return shlex.join([*words, *_flags(flags, "")])
 
 
 def _flags(table: Table, prefix: str) -> list[str]:
@@ -561,6 +562,8 @@ class Setup:
     """The walking controller."""
     physics: SimulatorSettings
     """Physics and pushes."""
+    disturbance: Disturbance = no_disturbance
+    """Disturbance of the simplified model."""
 
 
 def build_walk(config: WalkConfig) -> Setup:
@@ -590,7 +593,12 @@ def build_walk(config: WalkConfig) -> Setup:
             "motion_",
         )
         motion = _embedded(robot, clip, pattern.duration, config.motion_blend)
-    return _checked(config, robot, pattern, motion)
+    setup = _checked(config, robot, pattern, motion)
+    if config.disturbance is None:
+        return setup
+    a, b = config.disturbance
+    eps = random_bounded(a, b, config.seed, duration=pattern.duration)
+    return dataclasses.replace(setup, disturbance=eps)
 
 
 def build_dance(config: DanceConfig) -> Setup:
@@ -723,9 +731,7 @@ def is_motion_file(source: str) -> bool:
     Returns:
         Whether it has the ending or the look of a path.
     """
-    path = Path(source)
-    known = source in BUILTIN_MOTIONS
-    return not known and (bool(path.suffix) or len(path.parts) != 1)
+    return "/" in source or os.sep in source or bool(Path(source).suffix)
 
 
 def home_angles(robot: Robot) -> dict[str, float]:

@@ -1,7 +1,8 @@
-"""How MuJoCo draws without a window: EGL, else OSMesa; must be chosen before it.
+"""How MuJoCo draws without a window: EGL, else OSMesa.
 
 MuJoCo reads MUJOCO_GL when it is first imported, and a value whose library is missing
-makes that import fail. So this module imports nothing heavy and is called first.
+makes that import fail. So this module imports nothing heavy, and a program calls
+`choose_backend` first.
 """
 
 from __future__ import annotations
@@ -9,6 +10,8 @@ from __future__ import annotations
 import ctypes
 import os
 import sys
+from importlib import import_module
+from typing import Any
 
 from .errors import ComwalkError
 
@@ -24,7 +27,7 @@ class RenderError(ComwalkError, RuntimeError):
 
 
 def choose_backend() -> str:
-    """Choose how MuJoCo draws, and tell it by MUJOCO_GL; call before it is imported.
+    """Choose how MuJoCo draws, and tell it by MUJOCO_GL before it is imported.
 
     What the user set is kept if it can work. Otherwise EGL is chosen if its library
     loads, else OSMesa, else what MuJoCo does by itself, which needs a display. Only
@@ -41,6 +44,23 @@ def choose_backend() -> str:
     chosen = next((name for name in _LIBRARIES if _loads(name)), "")
     os.environ["MUJOCO_GL"] = chosen
     return chosen
+
+
+def open_context(width: int, height: int) -> Any:
+    """Return a new OpenGL context without a window; free it after use.
+
+    Args:
+        width: Width [pixel].
+        height: Height [pixel].
+
+    Returns:
+        A `GLContext` of MuJoCo: `make_current()`, `free()`.
+    """
+    name = choose_backend()
+    if name in _OFF:
+        raise RenderError(f"MUJOCO_GL={name} turns drawing off")
+    module = f"mujoco.{name}" if name in _LIBRARIES else "mujoco"
+    return import_module(module).GLContext(width, height)
 
 
 def no_opengl(error: Exception) -> RenderError:

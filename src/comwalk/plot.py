@@ -99,14 +99,15 @@ def _page(
         The figure, and the part of it above the table to draw on.
     """
     with matplotlib.rc_context(_STYLE):
-        low = 0.23 * (len(table) + 1.5) if table else 0.0
+        columns = max(1, round(width / 4.5)) if len(table) > 5 else 1
+        low = 0.23 * (_table_lines(table, columns) + 1.5) if table else 0.0
         figure = Figure(figsize=(width, height + low), layout="constrained")
         if not table:
             yield figure, figure
             return
         parts: Any = figure.subfigures(2, 1, height_ratios=[height, low])
         page, foot = parts
-        _add_table(foot, table)
+        _add_table(foot, table, columns)
         yield figure, page
 
 
@@ -139,15 +140,24 @@ def write_figure(figure: Figure, path: str | Path | None) -> Figure:
     return figure
 
 
-def _add_table(panel: SubFigure, rows: Sequence[Row]) -> None:
-    """Write what the paper states, and ours, as a small table."""
+def _add_table(panel: SubFigure, rows: Sequence[Row], columns: int) -> None:
+    """Write what the paper states, and ours, as a small table in columns."""
     style: dict[str, Any] = {"fontsize": 9.5, "math_fontfamily": "stix"}
-    for k, row in enumerate([Row("", "paper", "comwalk"), *rows]):
-        y = 1.0 - (k + 0.5) / (len(rows) + 1.5)
-        color = _GREY if k == 0 else _INK
-        cells = (row.quantity, row.paper, f"{row.ours} {row.unit}".strip())
-        for x, text in zip((0.06, 0.56, 0.74), cells, strict=True):
-            panel.text(x, y, text, va="center", color=color, **style)
+    count = _table_lines(rows, columns)
+    for c in range(columns):
+        part = rows[c * count : (c + 1) * count]
+        for k, row in enumerate([Row("", "paper", "comwalk"), *part]):
+            y = 1.0 - (k + 0.5) / (count + 1.5)
+            color = _GREY if k == 0 else _INK
+            cells = (row.quantity, row.paper, f"{row.ours} {row.unit}".strip())
+            for x, text in zip((0.04, 0.60, 0.76), cells, strict=True):
+                place = (c + x) / columns
+                panel.text(place, y, text, va="center", color=color, **style)
+
+
+def _table_lines(rows: Sequence[Row], columns: int) -> int:
+    """Return how many lines of rows a table has."""
+    return -(-len(rows) // columns)
 
 
 # ---- Fig. 7: a walk ---------------------------------------------------------------

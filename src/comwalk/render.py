@@ -8,7 +8,7 @@ from __future__ import annotations
 import copy
 import math
 from collections.abc import Callable, Generator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -20,7 +20,7 @@ from PIL import Image
 
 from .errors import RunError, checked_number
 from .footsteps import Side
-from .gl import no_opengl
+from .gl import no_opengl, open_context
 from .pattern import Phase
 from .polygon import convex_hull
 from .run import Run, load_recording
@@ -335,10 +335,8 @@ def _film(recording: _Recording, view: View) -> Generator[Film]:
     camera.elevation = -math.degrees(view.elevation)
     camera.distance = view.distance * tall
     lamp = _light(model, azimuth, tall)
-    try:
-        renderer = mujoco.Renderer(model, height, width, max_geom=20000)
-    except Exception as error:  # each backend has its own errors
-        raise no_opengl(error) from None
+    option = mujoco.MjvOption()
+    scene = mujoco.MjvScene(model, maxgeom=20000)
 
     def film(row: int) -> np.ndarray:
         camera.lookat[:] = *recording.center[row], 0.52 * tall
@@ -347,14 +345,46 @@ def _film(recording: _Recording, view: View) -> Generator[Film]:
         mujoco.mj_kinematics(model, data)
         mujoco.mj_comPos(model, data)
         mujoco.mj_camlight(model, data)
-        renderer.update_scene(data, camera)
-        renderer.scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = view.shadows
+        mujoco.mjv_updateScene(
+            model, data, option, None, camera, mujoco.mjtCatBit.mjCAT_ALL, scene
+        )
+        scene.flags[mujoco.mjtRndFlag.mjRND_SHADOW] = view.shadows
         if view.overlays:
-            _draw_floor(renderer.scene, recording, row)
-        return _shrunk(renderer.render(), view.smooth)
+            _draw_floor(scene, recording, row)
+        return _shrunk(draw(scene), view.smooth)
 
-    with renderer:
+    with _canvas(model, width, height) as draw:
         yield film
+
+
+@contextmanager
+def _canvas(
+    model: mujoco.MjModel, width: int, height: int
+) -> Generator[Callable[[mujoco.MjvScene], np.ndarray]]:
+    """Open what turns a scene into a new picture.
+
+    `mujoco.Renderer` would do so too, but only with the backend that was chosen before
+    MuJoCo was imported.
+    """
+    with ExitStack() as opened:
+        try:
+            context = open_context(width, height)
+            opened.callback(context.free)
+            context.make_current()
+            canvas = mujoco.MjrContext(model, mujoco.mjtFontScale.mjFONTSCALE_100)
+            opened.callback(canvas.free)
+            mujoco.mjr_setBuffer(mujoco.mjtFramebuffer.mjFB_OFFSCREEN, canvas)
+        except Exception as error:  # each backend has its own errors
+            raise no_opengl(error) from None
+        rect = mujoco.MjrRect(0, 0, width, height)
+
+        def draw(scene: mujoco.MjvScene) -> np.ndarray:
+            picture = np.empty((height, width, 3), np.uint8)
+            mujoco.mjr_render(rect, scene, canvas)
+            mujoco.mjr_readPixels(picture, None, rect, canvas)
+            return picture[::-1].copy()
+
+        yield draw
 
 
 def _light(model: mujoco.MjModel, azimuth: float, tall: float) -> np.ndarray:
@@ -377,9 +407,9 @@ def _light(model: mujoco.MjModel, azimuth: float, tall: float) -> np.ndarray:
 
 
 def _shrunk(picture: np.ndarray, factor: int) -> np.ndarray:
-    """Return a copy of a picture, smaller by a whole factor."""
+    """Return a picture, smaller by a whole factor."""
     if factor == 1:
-        return picture.copy()
+        return picture
     return np.asarray(Image.fromarray(picture).reduce(factor))
 
 

@@ -267,7 +267,7 @@ class Embedding:
 def embed(
     limbs: Sequence[Limb], posture: Posture, task: Task, damping: Damping | None = None
 ) -> Embedding:
-    r"""Embed all other limbs' motion in the base limb, Eqs. (18), (19), (26), (27).
+    r"""Embed all other limbs' motion in the base limb, Eqs. (18), (19), (23)-(27).
 
     Each limb's rates follow from the common body twist, parents first,
 

@@ -1,0 +1,350 @@
+"""Configurations: flags over files over defaults, and what is built of them."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from comwalk.config import (
+    DanceConfig,
+    PatternConfig,
+    WalkConfig,
+    build_dance,
+    build_walk,
+    command_line,
+    fields_of,
+    home_angles,
+    is_motion_file,
+    joint_limits,
+    make_config,
+    parse_push,
+    read_table,
+    table_of,
+)
+from comwalk.errors import ComwalkError, MotionError, ParameterError, PlanError
+from comwalk.footsteps import Gait, Side
+from comwalk.pattern import Phase
+
+
+def write(path, text):
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def test_defaults_are_the_papers():
+    config = make_config(WalkConfig)
+    assert config == WalkConfig()
+    assert (config.steps, config.gait, config.robot) == (20, Gait(), "paper")
+    assert config.gains.walking == ((3.0, 1.8), (6.6, 3.8))
+
+
+def test_a_file_gives_every_kind_of_value(tmp_path):
+    text = """
+        robot = "paper"
+        steps = 4
+        stiffness = 2            # an int for a float
+        push = ["1:10,0,0", "2:0,5,0:0.2"]
+        motion = "wave"
+        motion-amplitude = 0.3   # hyphens are underscores
+        [gait]
+        half-step = 0.05
+        double_support = "minjerk"
+        [gains]
+        zmp = 2                  # one number for both axes
+        com = [5, 4.5]
+        [control]
+        zmp_cutoff = "none"
+        [body]
+        deflection_compensation = false
+    """
+    config = make_config(WalkConfig, file=write(tmp_path / "walk.toml", text))
+    assert (config.steps, config.stiffness, config.motion) == (4, 2, "wave")
+    assert config.motion_amplitude == 0.3
+    assert (config.gait.half_step, config.gait.double_support) == (0.05, "minjerk")
+    assert config.gains.walking == ((2.0, 2.0), (5.0, 4.5))
+    assert config.control.zmp_cutoff is None
+    assert config.body.deflection_compensation is False
+    assert [push.start for push in config.physics.pushes] == [1.0, 2.0]
+
+
+def test_flags_win_over_the_file(tmp_path):
+    file = write(tmp_path / "w.toml", "steps = 4\n[gait]\nperiod = 2\nhalf_step = 0.05")
+    config = make_config(WalkConfig, {"steps": 6, "gait": {"period": 1.5}}, file)
+    assert (config.steps, config.gait.period, config.gait.half_step) == (6, 1.5, 0.05)
+
+
+def test_a_value_of_the_file_may_be_mended_by_a_flag(tmp_path):
+    file = write(tmp_path / "w.toml", "[gait]\nperiod = 100")
+    assert make_config(WalkConfig, {"gait": {"period": 1.2}}, file).gait.period == 1.2
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("stepz = 4", ['"stepz"', '"steps"']),
+        ("[gait]\nperod = 1", ['"gait.perod"', '"period"']),
+        ("[gate]\nperiod = 1", ['"gate"', '"gait"']),
+        ("[simulator]\npushes = []", ['"simulator.pushes"']),
+        ("gait = 3", ["gait must be a table", "[gait]"]),
+        ("steps = 'four'", ["steps must be a whole number", "'four'"]),
+        ("steps = 4.0", ["steps must be a whole number"]),
+        ("steps = true", ["steps must be a whole number"]),
+        ("stiffness = true", ["stiffness must be a number"]),
+        ("[gait]\nperiod = '1'", ["gait.period must be a number"]),
+        ("[gait]\nperiod = [1]", ["gait.period must be a number"]),
+        ("[gait]\nperiod = {x = 1}", ["gait.period must be a number"]),
+        ("[gait]\nperiod = 100", ["gait.period must be a number in [0.3, 10] s"]),
+        ("[gait]\nperiod = nan", ["gait.period", "nan"]),
+        ("[gait]\ndouble_support = 'papr'", ["gait.double_support", '"paper"']),
+        ("[gains]\nzmp = [1, 2, 3]", ["gains.zmp must be one number or 2, got 3"]),
+        ("[gains]\nzmp = ['a', 'b']", ["gains.zmp must be a number"]),
+        ("[gains]\nzmp = -1", ["gains.zmp must be a number in [0"]),
+        ("[body]\nembed_motion = 1", ["body.embed_motion must be true or false"]),
+        ("robot = 3", ["robot must be text"]),
+        ('out = "a\\u0000b"', ["out must be printable text"]),
+        ("plant = 'pendlum'", ["plant", '"robot" or "pendulum"', '"pendulum"?']),
+        ("plant = []", ["plant", '"robot" or "pendulum"']),
+        ("push = [3]", ["push must be text"]),
+        ("push = 'soon'", ["push must be START:FX,FY,FZ"]),
+        ("seed = -1", ["seed must be a whole number"]),
+        ("motion_blend = 0", ["motion_blend must be a number in (0"]),
+        ("disturbance = [0.1, -1]", ["disturbance (b)"]),
+        ("steps =", ["not valid TOML"]),
+    ],
+)
+def test_a_wrong_file_is_refused_with_its_name_and_key(tmp_path, text, parts):
+    file = write(tmp_path / "mine.toml", text)
+    with pytest.raises(ComwalkError) as error:
+        make_config(WalkConfig, file=file)
+    for part in ("mine.toml", *parts):
+        assert part in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("content", [b"\xff\xfe\x00", b"[" * 5000, None])
+def test_an_unreadable_file_is_refused(tmp_path, content):
+    file = tmp_path / "mine.toml"
+    if content is not None:
+        file.write_bytes(content)
+    with pytest.raises(ParameterError, match=r"mine\.toml"):
+        read_table(file)
+    with pytest.raises(ParameterError, match="Is a directory"):
+        read_table(tmp_path)
+
+
+@pytest.mark.parametrize("text", ["{}", "[]", "3", '{"settings": {}}', "{"])
+def test_a_json_file_that_is_no_summary_is_refused(tmp_path, text):
+    file = write(tmp_path / "summary.json", text)
+    with pytest.raises(ParameterError, match=r"summary\.json"):
+        read_table(file)
+
+
+def test_a_range_error_of_a_flag_does_not_blame_the_file(tmp_path):
+    file = write(tmp_path / "w.toml", "steps = 4")
+    with pytest.raises(ParameterError) as error:
+        make_config(WalkConfig, {"gait": {"period": -1.0}}, file)
+    assert str(error.value).startswith("gait.period must be")
+
+
+gaits = st.builds(
+    dict, period=st.floats(0.5, 5.0), half_step=st.floats(-0.1, 0.1), turn=st.just(0.1)
+)
+gains = st.builds(dict, zmp=st.tuples(st.floats(0, 3), st.floats(0, 3)))
+
+
+@given(gait=gaits, gains=gains, steps=st.integers(1, 100), seed=st.integers(0, 99))
+def test_a_table_gives_the_configuration_back(gait, gains, steps, seed):
+    values = {"gait": gait, "gains": gains, "steps": steps, "seed": seed}
+    config = make_config(WalkConfig, {**values, "push": ("1:1,2,3",)})
+    table = json.loads(json.dumps(table_of(config)))
+    lists_to_tuples = {**table, "push": tuple(table["push"])}
+    assert make_config(WalkConfig, lists_to_tuples) == config
+
+
+@pytest.mark.parametrize("cutoff", [None, math.inf])
+def test_a_run_can_be_repeated_from_its_summary(tmp_path, cutoff):
+    config = make_config(DanceConfig, {"control": {"zmp_cutoff": cutoff}, "speed": 0.5})
+    document = {"settings": {"config": table_of(config)}}
+    file = write(tmp_path / "summary.json", json.dumps(document, allow_nan=False))
+    again = make_config(DanceConfig, file=file)
+    assert again.control.zmp_cutoff is None
+    assert again.speed == 0.5
+
+
+def test_every_field_is_a_key_but_pushes():
+    hints = fields_of(WalkConfig)
+    assert {"steps", "gait", "gains", "motion", "push", "out", "json"} <= set(hints)
+    assert "pushes" not in fields_of(hints["simulator"])
+
+
+def test_the_command_line_is_quoted_and_complete():
+    flags = {
+        "robot": "my robot.xml",
+        "push": ("1:1,0,0", "2:0,1,0"),
+        "json": True,
+        "body": {"embed_motion": False},
+        "gains": {"standing_zmp": (0.1, 0.2)},
+    }
+    assert command_line("walk", flags, "f.toml") == (
+        "comwalk walk 'my robot.xml' --config f.toml --push 1:1,0,0 --push 2:0,1,0 "
+        "--json --body.no-embed-motion --gains.standing-zmp 0.1,0.2"
+    )
+
+
+@pytest.mark.parametrize(
+    "text", ["", "3", ":", "a:1,2,3", "1:1,2", "1:1,2,3,4", "1:1,2,3:1:1", "1:1,2,x"]
+)
+def test_a_push_of_another_form_is_refused(text):
+    with pytest.raises(ParameterError, match="push must be START"):
+        parse_push(text)
+
+
+@pytest.mark.parametrize(
+    "text", ["nan:1,2,3", "-1:1,2,3", "1:1,2,inf", "1:1,2,3:0", "1:1,2,3:nan"]
+)
+def test_a_push_out_of_range_is_refused(text):
+    with pytest.raises(ParameterError, match="push"):
+        parse_push(text)
+
+
+def test_a_push_lasts_as_long_as_asked():
+    assert parse_push("1:1,2,3").duration == 0.1
+    assert parse_push("1:1,2,3:0.5").duration == 0.5
+
+
+@pytest.mark.parametrize(
+    ("values", "word"),
+    [
+        ({"steps": 0}, "steps"),
+        ({"steps": 10**9}, "steps"),
+        ({"seed": -1}, "seed"),
+        ({"period": math.nan}, "period"),
+        ({"period": 0.0}, "period"),
+        ({"stiffness": 0.0}, "stiffness"),
+        ({"plant": "pendulum", "motion": "paper"}, "motion"),
+        ({"plant": "pendulum", "push": ("1:1,2,3",)}, "push"),
+        ({"disturbance": (0.1, 0.1)}, "disturbance"),
+        ({"plant": "pendulum", "disturbance": (math.nan, 0.1)}, "disturbance"),
+        ({"motion_amplitude": math.inf}, "motion_amplitude"),
+    ],
+)
+def test_wrong_values_are_refused(values, word):
+    with pytest.raises(ParameterError, match=word):
+        WalkConfig(**values)
+
+
+@pytest.mark.parametrize(
+    "values", [{"duration": 0.5}, {"half_width": math.nan}, {"frequency": 9.0}]
+)
+def test_wrong_values_of_a_dance_are_refused(values):
+    with pytest.raises(ParameterError, match=next(iter(values))):
+        DanceConfig(**values)
+
+
+def test_wrong_values_of_a_pattern_are_refused():
+    with pytest.raises(ParameterError, match="steps"):
+        PatternConfig(steps=0)
+
+
+def test_a_walk_is_built_of_its_parts():
+    config = make_config(WalkConfig, {"steps": 3, "stiffness": 0.5, "motion": "swing"})
+    setup = build_walk(config)
+    assert setup.robot is not None
+    assert setup.pattern.plan.count == 3
+    soles = setup.robot.feet[Side.LEFT].sole
+    assert setup.pattern.plan.sole_size == pytest.approx(tuple(np.ptp(soles, axis=0)))
+    full = build_walk(WalkConfig(steps=3)).robot
+    assert full is not None
+    assert setup.robot.servo.stiffness == pytest.approx(0.5 * full.servo.stiffness)
+    assert setup.motion is not None
+    assert setup.motion.stop == pytest.approx(setup.pattern.duration - 0.2)
+    q, dq = setup.motion.at(0.0)
+    assert q.tolist() == [home_angles(setup.robot)[j] for j in setup.motion.joints]
+    assert not dq.any()
+
+
+def test_the_pendulum_needs_no_robot():
+    config = WalkConfig(plant="pendulum", disturbance=(0.05, 0.1), seed=3)
+    setup = build_walk(config)
+    assert setup.robot is None
+    assert setup.motion is None
+    times = np.linspace(0, setup.pattern.duration, 200).tolist()
+    assert 0.0 < max(np.abs(setup.disturbance(t)[0]).max() for t in times) <= 0.05
+
+
+def test_a_plan_comes_from_its_file(tmp_path):
+    file = write(tmp_path / "p.toml", "[[segment]]\nsteps = 2\n[[segment]]\nsteps = 3")
+    assert build_walk(WalkConfig(plan=str(file))).pattern.plan.count == 5
+
+
+def test_a_dance_stands_for_its_whole_time():
+    setup = build_dance(DanceConfig(duration=6.0, half_width=0.1))
+    assert setup.pattern.duration == 6.0
+    assert {span.phase for span in setup.pattern.phases} == {Phase.STAND}
+    assert setup.pattern.at(3.0).left.position[1] == pytest.approx(0.1)
+
+
+def test_a_file_that_does_not_loop_is_danced_once(tmp_path):
+    text = "time,l_elbow_pitch\n0,-0.2\n2,-0.6\n4,-0.2"
+    setup = build_dance(DanceConfig(motion=str(write(tmp_path / "m.csv", text))))
+    assert setup.pattern.duration == pytest.approx(4.4)
+    assert setup.motion is not None
+    assert (setup.motion.start, setup.motion.stop) == pytest.approx((0.2, 4.2))
+
+
+def test_a_clip_without_names_is_read_with_the_robots_joints(tmp_path):
+    robot = build_walk(WalkConfig(steps=1)).robot
+    assert robot is not None
+    frames = np.tile(robot.home[7:], (150, 1))
+    np.savez(tmp_path / "clip.npz", fps=50, joint_pos=frames)
+    setup = build_dance(DanceConfig(motion=str(tmp_path / "clip.npz")))
+    assert setup.motion is not None
+    assert set(setup.motion.joints) == set(robot.upper_body)
+
+
+def test_files_are_changed_by_scale_and_speed(tmp_path):
+    text = "time,l_elbow_pitch\n0,0\n2,-1\n4,0"
+    motion = str(write(tmp_path / "m.csv", text))
+    setup = build_dance(DanceConfig(motion=motion, scale=0.5, speed=0.5))
+    assert setup.motion is not None
+    assert setup.motion.motion.duration == pytest.approx(8.0)
+    with pytest.raises(MotionError, match="amplitude"):
+        build_dance(DanceConfig(motion=motion, amplitude=0.5))
+    config = WalkConfig(motion=motion, motion_frequency=0.5)
+    with pytest.raises(MotionError, match="motion_speed"):
+        build_walk(config)
+
+
+def test_limits_are_the_robots():
+    robot = build_walk(WalkConfig(steps=1)).robot
+    assert robot is not None
+    limits = joint_limits(robot)
+    j = robot.joints.index("l_elbow_pitch")
+    assert limits["l_elbow_pitch"].lower == robot.lower[j]
+    assert limits["l_elbow_pitch"].speed == robot.speed[j]
+
+
+@pytest.mark.parametrize(
+    ("values", "error"),
+    [
+        ({"gains": {"zmp": (7.0, 7.0)}}, ParameterError),
+        ({"gait": {"half_step": 0.2}}, PlanError),
+        ({"pendulum": {"height": 0.9}}, PlanError),
+        ({"plan": "missing.toml"}, PlanError),
+        ({"motion": "papr"}, MotionError),
+    ],
+)
+def test_what_does_not_go_together_is_refused(values, error):
+    with pytest.raises(error):
+        build_walk(make_config(WalkConfig, {"steps": 2, **values}))
+
+
+@pytest.mark.parametrize(
+    ("source", "expected"),
+    [("paper", False), ("papr", False), ("a.csv", True), ("x/y", True), ("./d", True)],
+)
+def test_a_file_is_told_from_a_name(source, expected):
+    assert is_motion_file(source) is expected

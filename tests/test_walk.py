@@ -1,0 +1,350 @@
+"""Walking in physics: the figures that comwalk promises, and what ends a run."""
+
+from __future__ import annotations
+
+import json
+
+import mujoco
+import numpy as np
+import pytest
+from robots import paper
+
+from comwalk.control import Gains
+from comwalk.errors import ParameterError, PlanError, RunError
+from comwalk.footsteps import Foothold, FootstepPlan, Gait, plan_steps
+from comwalk.motion import JointLimit, builtin_motion, embed_in, prepare_motion
+from comwalk.pattern import Phase, make_pattern
+from comwalk.pendulum import Pendulum
+from comwalk.plant import random_bounded
+from comwalk.robot import load_robot
+from comwalk.run import replay, simulate, simulate_pendulum
+from comwalk.settings import BodySettings, Control, Push, SimulatorSettings
+from comwalk.walk import End
+
+OPEN_LOOP = Control(gains=Gains(zmp=0.0, com=0.0))
+
+
+def pattern_of(steps, **gait):
+    return make_pattern(plan_steps(Gait(**gait), steps), Pendulum())
+
+
+@pytest.fixture(scope="module")
+def walk20():
+    """The walk of the paper's experiment: 20 steps of 0.2 m."""
+    return simulate(paper(), pattern_of(20))
+
+
+@pytest.fixture(scope="module")
+def short():
+    """Two steps with a push."""
+    push = Push(start=2.0, force=(0.0, 60.0, 0.0))
+    return simulate(
+        paper(), pattern_of(2), physics=SimulatorSettings(pushes=(push,), noise=1.0)
+    )
+
+
+def test_paper_gait_walks_four_metres(walk20):
+    """Section VI: 20 steps under the paper's gait and gains."""
+    figures = walk20.summary()
+    assert figures["outcome"] == "completed"
+    assert figures["steps_completed"] == 20
+    assert abs(figures["distance_m"] - 4.0) < 0.08
+    assert abs(figures["heading_error_deg"]) < 2.0
+    assert figures["position_error_m"] < 0.08
+
+
+def test_paper_gait_tracks_com_and_zmp(walk20):
+    """Fig. 7: the errors, from the simulator's own CoM where it says true."""
+    figures = walk20.summary()
+    true = figures["com_error_rms_mm"]["true"]
+    assert true["x"] < 6.0
+    assert true["y"] < 6.0
+    assert figures["zmp_error_rms_mm"]["x"] < 15.0
+    assert figures["zmp_error_rms_mm"]["y"] < 10.0
+    assert figures["sole_margin_p5_mm"] > 40.0
+    assert figures["sole_margin_min_mm"] > 0.0
+    assert figures["trunk_tilt_max_deg"] < 2.0
+    assert figures["torque_saturation_pct"] == 0.0
+
+
+def test_true_com_is_the_models_own(walk20):
+    """The logged truth, against the CoM of the logged state, link by link."""
+    model = walk20.scene
+    data = mujoco.MjData(model)
+    for k in range(0, len(walk20.log), 1000):
+        data.qpos[:] = walk20.log["qpos"][k]
+        mujoco.mj_kinematics(model, data)
+        masses = model.body_mass[1:, None]
+        com = (masses * data.xipos[1:]).sum(axis=0) / masses.sum()
+        assert np.abs(com - walk20.log["com_true"][k]).max() < 1e-9
+
+
+def test_measured_zmp_is_that_of_the_contacts(walk20):
+    """ZMP from ankle sensors against the pressure of the simulator's contacts."""
+    difference = walk20.log["zmp"] - walk20.log["zmp_true"]
+    assert np.nanpercentile(np.abs(difference), 99) < 4e-3  # 1 mm is odometry
+    weight = paper().mass * 9.81
+    assert abs(walk20.log["load"][200] - weight) < 1.0
+
+
+def test_feet_stay_flat_and_where_they_are_put(walk20):
+    """The stance sole stands on the ground near its planned place."""
+    log, site = walk20.log, paper().feet
+    data = mujoco.MjData(walk20.scene)
+    for k in np.flatnonzero(log["phase"] == Phase.SINGLE_LEFT)[::500]:
+        data.qpos[:] = log["qpos"][k]
+        mujoco.mj_kinematics(walk20.scene, data)
+        name = paper().model.site(site["left"].site).name
+        index = walk20.scene.site(name).id
+        assert np.abs(data.site_xpos[index] - log["feet_ref"][k, 0]).max() < 3e-3
+        assert data.site_xmat[index][8] > np.cos(np.radians(0.5))
+
+
+def test_law_survives_soft_servos_and_open_loop_falls():
+    """A quarter of the stiffness: the law completes, the bare pattern does not."""
+    soft = load_robot("paper", stiffness=0.25)
+    closed = simulate(soft, pattern_of(8))
+    assert closed.outcome.ok
+    bare = simulate(soft, pattern_of(8), control=OPEN_LOOP)
+    assert bare.outcome.end is End.FELL
+    assert "trunk tilted" in bare.outcome.cause or "CoM" in bare.outcome.cause
+    assert bare.outcome.time < 10.0
+    assert "after" in str(bare.outcome)
+
+
+def test_open_loop_on_stiff_servos_is_allowed():
+    run = simulate(paper(), pattern_of(2), control=OPEN_LOOP)
+    assert run.outcome.ok
+    assert np.array_equal(run.log["com_command"], run.log["com_ref"][:, :2])
+
+
+@pytest.mark.parametrize(
+    "gait",
+    [
+        {"half_step": -0.08},
+        {"half_step": 0.0, "lateral": 0.05},
+        {"half_step": 0.0, "turn": 0.3},
+        {"half_step": 0.08, "turn": 0.2},
+        {"double_support": "minjerk"},
+    ],
+    ids=["back", "side", "turn", "curve", "minjerk"],
+)
+def test_any_walk(gait):
+    """Back, sideways, turning, a curve: the robot ends where and as it should."""
+    run = simulate(paper(), pattern_of(4, **gait))
+    figures = run.summary()
+    assert run.outcome.ok
+    assert figures["position_error_m"] < 0.01
+    assert abs(figures["heading_error_deg"]) < 1.0
+    assert figures["com_error_rms_mm"]["true"]["x"] < 6.0
+
+
+def test_uneven_footsteps_and_timings():
+    """An explicit list of footsteps, each of its own length and time."""
+    from comwalk.footsteps import Footstep, Side
+
+    plan = FootstepPlan(
+        left=Foothold(0.0, 0.09, 0.0),
+        right=Foothold(0.0, -0.09, 0.0),
+        steps=(
+            Footstep(side=Side.RIGHT, x=0.12, y=-0.10),
+            Footstep(side=Side.LEFT, x=0.30, y=0.08, yaw=0.15, single_support=1.1),
+            Footstep(side=Side.RIGHT, x=0.38, y=-0.13, yaw=0.2, double_support=0.4),
+            Footstep(side=Side.LEFT, x=0.36, y=0.08, yaw=0.2, single_support=0.6),
+        ),
+    )
+    run = simulate(paper(), make_pattern(plan, Pendulum()))
+    assert run.outcome.ok
+    assert run.summary()["position_error_m"] < 0.01
+
+
+def dance(name="paper", amplitude=0.5, frequency=0.5, seconds=6.0, walking=None, **kw):
+    robot = paper()
+    home = dict(zip(robot.joints, robot.home[7:], strict=True))
+    limits = {
+        n: JointLimit(*row)
+        for n, *row in zip(
+            robot.joints, robot.lower, robot.upper, robot.speed, strict=True
+        )
+    }
+    motion = prepare_motion(
+        builtin_motion(name, amplitude=amplitude, frequency=frequency, home=home),
+        allowed=robot.upper_body,
+        limits=limits,
+        home=home,
+    )
+    plan = FootstepPlan(
+        left=Foothold(0.0, 0.09, 0.0),
+        right=Foothold(0.0, -0.09, 0.0),
+        stand_time=seconds / 2,
+    )
+    pattern = walking or make_pattern(plan, Pendulum())
+    embedded = embed_in(motion, home, start=0.2, stop=pattern.duration - 0.2)
+    return simulate(robot, pattern, motion=embedded, **kw)
+
+
+def zmp_excursion(run):
+    settled = (run.log["t"] > 1.3) & (run.log["t"] < run.log["t"][-1] - 1.3)
+    return np.abs(run.log["zmp"][settled] - run.log["zmp_ref"][settled]).max()
+
+
+def test_dance_keeps_zmp_within_ten_millimetres():
+    """Fig. 6: CoM held, ZMP inside +-10 mm, far better than with unaware legs."""
+    run = dance()
+    log = run.log
+    assert run.outcome.ok
+    assert zmp_excursion(run) < 0.010
+    assert np.abs(log["com_command"] - log["com_ref"][:, :2]).max() < 1e-3
+    assert np.abs(log["com_true"] - log["com_ref"]).max() < 3e-3
+    unaware = dance(control=Control(body=BodySettings(embed_motion=False)))
+    assert zmp_excursion(unaware) > 4 * zmp_excursion(run)
+    # The arms did dance, in both.
+    elbow = paper().joints.index("l_elbow_pitch")
+    for each in (run, unaware):
+        assert np.ptp(each.log["joints"][:, elbow]) > 0.1
+
+
+def test_fast_dance_and_dance_while_walking():
+    assert dance("disco", frequency=1.0).outcome.ok
+    assert dance("paper", frequency=1.0, walking=pattern_of(4)).outcome.ok
+
+
+def test_pendulum_stays_within_the_exact_bound():
+    """Eqs. (28), (38): bounded disturbances move the CoM by less than the exact bound.
+
+    The loop is linear: what a disturbance does is the difference from a walk without.
+    """
+    gains = Gains(standing_zmp=(3.0, 1.8), standing_com=(6.6, 3.8))
+    control = Control(gains=gains)
+    calm = simulate_pendulum(pattern_of(4), control=control)
+    largest = np.zeros(2)
+    for seed in range(5):
+        run = simulate_pendulum(
+            pattern_of(4),
+            control=control,
+            disturbance=random_bounded(0.05, 0.5, seed, duration=12.0),
+        )
+        assert run.outcome.ok
+        moved = np.abs(run.log["com"] - calm.log["com"])[:, :2]
+        largest = np.maximum(largest, moved.max(axis=0))
+    assert largest[0] < 0.0172
+    assert largest[1] < 0.0250
+    assert largest.min() > 0.005  # a bound that is never approached proves little
+
+
+def test_pushed_and_noisy_walk_completes(short):
+    assert short.outcome.ok
+    pushed = np.abs(short.log["xfrc_applied"]).max(axis=(1, 2)) > 0
+    assert pushed.sum() == 50
+    assert short.log["t"][np.flatnonzero(pushed)[0]] == pytest.approx(2.0)
+
+
+def test_a_hard_push_is_a_fall_with_time_phase_and_cause():
+    push = Push(start=2.0, force=(0.0, 900.0, 0.0), duration=0.2)
+    run = simulate(paper(), pattern_of(4), physics=SimulatorSettings(pushes=(push,)))
+    assert run.outcome.end is End.FELL
+    assert 2.0 < run.outcome.time < 4.5
+    figures = run.summary()
+    assert figures["outcome"] == "fell"
+    assert figures["cause"]
+    json.dumps(figures, allow_nan=False)
+
+
+def test_saved_run_replays_with_mujoco_alone(short, tmp_path):
+    folder = short.save(tmp_path / "run")
+    names = {"summary.json", "run.npz", "scene.mjb", "walk.png"}
+    assert names <= {path.name for path in folder.iterdir()}
+    result = replay(folder)
+    assert result.ticks == len(short.log)
+    assert result.position_difference == 0.0
+    assert result.velocity_difference == 0.0
+
+
+def test_replay_by_a_stranger(short, tmp_path):
+    """Nothing of comwalk: load the model, set the first state, apply ctrl."""
+    folder = short.save(tmp_path / "run")
+    model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
+    data = mujoco.MjData(model)
+    record = np.load(folder / "run.npz")
+    data.qpos[:], data.qvel[:] = record["qpos"][0], record["qvel"][0]
+    for k in range(len(record["t"]) - 1):
+        data.ctrl[:] = record["ctrl"][k]
+        data.xfrc_applied[:] = record["xfrc_applied"][k]
+        for _ in range(int(record["substeps"])):
+            mujoco.mj_step(model, data)
+    assert np.abs(data.qpos - record["qpos"][-1]).max() < 1e-12
+
+
+def test_broken_recordings_are_refused(short, tmp_path):
+    with pytest.raises(RunError, match=r"no run\.npz"):
+        replay(tmp_path)
+    folder = short.save(tmp_path / "run")
+    (folder / "run.npz").write_bytes(b"PK nonsense")
+    with pytest.raises(RunError, match="broken"):
+        replay(folder)
+    np.savez(folder / "run.npz", t=np.zeros(3))
+    with pytest.raises(RunError, match="lacks"):
+        replay(folder)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RunError, match="cannot write"):
+        short.save(tmp_path / "file" / "run")
+
+
+def test_runs_repeat_exactly():
+    physics = SimulatorSettings(noise=1.0)
+    one, two, other = (
+        simulate(paper(), pattern_of(1), physics=physics, seed=seed)
+        for seed in (7, 7, 8)
+    )
+    assert np.array_equal(one.log["qpos"], two.log["qpos"])
+    assert not np.array_equal(one.log["qpos"], other.log["qpos"])
+
+
+def test_resolution_stays_exact_while_walking(walk20):
+    """No joint meets a limit, and nothing is lost, on the paper's gait."""
+    figures = walk20.summary()
+    assert figures["joint_speed_max_pct"] < 100.0
+    tracked = walk20.log["com_command"] - walk20.log["com"][:, :2]
+    assert np.abs(tracked).max() < 5e-3
+
+
+def test_unstable_gains_are_refused_before_anything_moves():
+    with pytest.raises(ParameterError, match="must be below"):
+        simulate(paper(), pattern_of(1), control=Control(gains=Gains(zmp=7.0, com=6.6)))
+
+
+def test_out_of_reach_plans_are_refused():
+    with pytest.raises(PlanError, match=r"footstep \d+ is out of reach"):
+        simulate(paper(), pattern_of(4, half_step=0.2))
+    tall = make_pattern(plan_steps(Gait(), 2), Pendulum(height=0.8))
+    with pytest.raises(PlanError, match="reach"):
+        simulate(paper(), tall)
+
+
+def test_period_must_fit_the_physics_step():
+    with pytest.raises(ParameterError, match="multiple of the physics step"):
+        simulate(paper(), pattern_of(1), control=Control(period=0.0025))
+
+
+@pytest.mark.parametrize(
+    "bad",
+    [
+        {"start": -1.0, "force": (0, 0, 0)},
+        {"start": 0.0, "force": (0, np.nan, 0)},
+        {"start": 0.0, "force": (0, 0)},
+        {"start": 0.0, "force": (0, 0, 0), "duration": 0.0},
+    ],
+)
+def test_bad_pushes(bad):
+    with pytest.raises(ParameterError, match="push"):
+        Push(**bad)
+
+
+def test_interrupt_is_an_outcome():
+    def interrupt(time):
+        if time > 0.4:
+            raise KeyboardInterrupt
+
+    run = simulate(paper(), pattern_of(1), progress=interrupt)
+    assert run.outcome.end is End.ABORTED
+    assert "user" in run.outcome.cause

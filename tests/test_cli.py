@@ -182,6 +182,19 @@ def test_underscores_and_hyphens_are_the_same(here, capsys):
     assert config["gains"]["standing_zmp"] == [0.2, 0.2]
 
 
+@pytest.mark.parametrize("word", ["none", "inf"])
+def test_none_stands_against_a_file(here, capsys, word):
+    (here / "w.toml").write_text(
+        'plant = "pendulum"\ndisturbance = 0.01\n[control]\nzmp_cutoff = 3'
+    )
+    words = ["--config", "w.toml", "--json", "--disturbance", "none"]
+    gains = ["--gains.zmp", "0", "--gains.com", "0", "--control.zmp-cutoff", word]
+    assert main(["walk", *SHORT, *words, *gains]) == 0
+    config = json.loads(capsys.readouterr().out)["settings"]["config"]
+    assert config["control"]["zmp_cutoff"] == "none"
+    assert "disturbance" not in config
+
+
 def test_a_dance_reports_how_still_the_com_is(here, capsys):
     words = ["--duration", "3", "--blend", "0.8", "--out", "d", "--json"]
     assert main(["dance", *words]) == 0
@@ -365,6 +378,15 @@ def test_an_interrupt_before_the_walk_leaves_nothing(here, capsys, monkeypatch):
     assert list(here.iterdir()) == []
 
 
+def test_an_interrupted_import_is_no_crash(capsys, monkeypatch):
+    def interrupted():
+        raise ImportError("initialization failed") from KeyboardInterrupt()
+
+    monkeypatch.setattr(cli, "_app", interrupted)
+    assert main(["walk"]) == 130
+    assert capsys.readouterr().err == "comwalk: interrupted\n"
+
+
 def test_too_little_memory_is_said(here, capsys, monkeypatch):
     def exhausted(*args, **kwargs):
         raise MemoryError
@@ -413,6 +435,8 @@ WRONG_WORDS = [
     ("walk --gains.zmp -1", "gains.zmp"),
     ("walk --gains.zmp abc", "--gains.zmp"),
     ("walk --gains.zmp 3 2 1", "--gains.zmp"),
+    ("walk --gains.zmp none", "gains.zmp"),
+    ("walk --control.zmp-cutoff abc", "--control.zmp-cutoff"),
     ("walk --gains.zmp 7", "0 < k_p < k_c"),
     ("walk --gains.zmp 6 --gains.com 6.5 --control.zmp-cutoff 50", "unstable"),
     ("walk --control.zmp-cutoff nan", "control.zmp_cutoff"),

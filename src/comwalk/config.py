@@ -388,7 +388,8 @@ def _construct(kind: Any, written: Any, given: Table, file: str, prefix: str) ->
             tables = written.get(name, {}), given.get(name, {})
             values[name] = _construct(hint, *tables, file, f"{prefix}{name}.")
         elif name in given:
-            values[name] = given[name]
+            none = given[name] == "none" and _is_optional(hint)
+            values[name] = None if none else given[name]
         elif name in written:
             where = f"{file}: {prefix}{name}"
             values[name] = _typed(written[name], hint, where)
@@ -426,10 +427,14 @@ def _located(
     return f"{file}: {text}" if name in written else text
 
 
+def _is_optional(hint: Any) -> bool:
+    """Return whether a field may be None, which users write "none"."""
+    return isinstance(hint, types.UnionType) and types.NoneType in get_args(hint)
+
+
 def _typed(value: Any, hint: Any, where: str) -> Any:
     """Return a value of a file if it is of the type that a field has."""
-    optional = isinstance(hint, types.UnionType) and types.NoneType in get_args(hint)
-    if optional:
+    if _is_optional(hint):
         if value == "none":
             return None
         (hint,) = (h for h in get_args(hint) if h is not types.NoneType)

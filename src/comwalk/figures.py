@@ -116,10 +116,10 @@ def pattern_quantities(pattern: Pattern) -> list[Quantity]:
     spans = [s for s in pattern.phases if s.phase in _SINGLES]
     a, b = spans[len(spans) // 2 - 1 : len(spans) // 2 + 1]
     t_d = 0.5 * (b.start - a.start - a.duration)
-    middle, start = pattern.at(b.start - t_d), pattern.at(b.start)
-    foot = pattern.at(b.start + 0.5 * b.duration).zmp
-    p_x, p_y = np.abs(foot - middle.com[:2]).tolist()
-    k_x, k_y = np.abs(start.com[:2] - middle.com[:2]).tolist()
+    start, foot = pattern.at(b.start), pattern.at(b.start + 0.5 * b.duration).zmp
+    middle = 0.5 * (pattern.at(a.start + 0.5 * a.duration).zmp + foot)
+    p_x, p_y = np.abs(foot - middle).tolist()
+    k_x, k_y = np.abs(start.com[:2] - middle).tolist()
     omega = pattern.pendulum.omega
     return [
         Quantity("omega_n", r"$\omega_n$", PAPER_OMEGA, omega, "rad/s"),

@@ -98,7 +98,24 @@ def _parsing(hint: Any, default: Any) -> dict[str, Any]:
         return {**reading, "negative": ()}
     if hint is int:
         return {"converter": _read_whole, "negative": ()}
+    if isinstance(hint, UnionType):
+        read = _read_text if str in get_args(hint) else _read_number
+        return {"converter": read, "negative": ()}
     return {} if hint is bool and default else {"negative": ()}
+
+
+def _read_text(hint: Any, tokens: Any) -> str:
+    """Return text; the word "none" stays, for it stands against a file."""
+    return tokens[0].value
+
+
+def _read_number(hint: Any, tokens: Any) -> float | str:
+    """Return a number, or the word "none"."""
+    text = tokens[0].value
+    try:
+        return text if text == "none" else float(text)
+    except ValueError:
+        raise ParameterError(f'not a number, nor "none": "{text}"') from None
 
 
 def _read_whole(hint: Any, tokens: Any) -> int:
@@ -109,8 +126,10 @@ def _read_whole(hint: Any, tokens: Any) -> int:
         raise ParameterError(f'not a whole number: "{tokens[0].value}"') from None
 
 
-def _read_pair(hint: Any, tokens: Any) -> tuple[float, ...]:
-    """Return the numbers of "3" or "3,1.8"."""
+def _read_pair(hint: Any, tokens: Any) -> tuple[float, ...] | str:
+    """Return the numbers of "3" or "3,1.8", or the word "none"."""
+    if tokens[0].value == "none":
+        return "none"
     try:
         numbers = tuple(float(word) for word in tokens[0].value.split(","))
     except ValueError:

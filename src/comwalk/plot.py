@@ -355,7 +355,8 @@ def _middle_steps(pattern: Pattern) -> _Steps | None:
     count = 2 if len(swings) > 1 else 1
     t = np.linspace(0.0, count * T, 400 * count + 1)
     samples = pattern.sample(start + t)
-    origin, yaw = samples.com[0, :2], samples.heading[0]
+    origin = 0.5 * (samples.left[0, :2] + samples.right[0, :2])
+    yaw = samples.heading[0]
     turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
     side = 1.0 if single.phase is Phase.SINGLE_LEFT else -1.0
     com = (samples.com[:, :2] - origin) @ turn.T

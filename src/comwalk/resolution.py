@@ -589,11 +589,12 @@ class Resolver:
         v = np.zeros(S.shape[1])
         v[held] = np.clip(
             self._known_rates(task, layout)[3:],
-            limits.lower[held - 6],
+            np.minimum(limits.lower, limits.upper)[held - 6],
             limits.upper[held - 6],
         )
         lower, upper = np.full(len(v), -np.inf), np.full(len(v), np.inf)
-        lower[6:], upper[6:] = limits.lower - 1e-9, limits.upper + 1e-9
+        lower[6:] = np.minimum(limits.lower, limits.upper) - 1e-9
+        upper[6:] = limits.upper + 1e-9
         W, k = layout.weights, len(free)
         lam = np.full(k, math.sqrt(lam2) + 1e-6)
         lam[:6] = 0.0  # joint rates are damped, the body's own are not

@@ -20,7 +20,7 @@ from .footsteps import Side
 from .polygon import convex_hull
 from .resolution import Limb, Posture
 
-BUILTIN_ROBOTS = {"paper": "the paper's humanoid: 67.68 kg, CoM at 0.687 m, 28 joints"}
+BUILTIN_ROBOTS = {"paper": "the paper's humanoid: 67.68 kg, CoM at 0.687 m, 30 joints"}
 """Names of the robots that come with comwalk, and what they are."""
 
 LEGS = {Side.LEFT: "left_leg", Side.RIGHT: "right_leg"}
@@ -99,6 +99,11 @@ class Robot:
     def mass(self) -> float:
         """Total mass [kg]."""
         return float(self.model.body_subtreemass[self.base_body])
+
+    @property
+    def gravity(self) -> float:
+        """Gravitational acceleration of the model [m/s^2]."""
+        return float(np.linalg.norm(self.model.opt.gravity))
 
     @property
     def base_body(self) -> int:
@@ -315,8 +320,11 @@ def _find_limbs(
                 break
     for side, letter in ((Side.LEFT, "l"), (Side.RIGHT, "r")):
         sites[LEGS[side]] = names.index(f"{letter}_sole_centre")
-        if len(chains[LEGS[side]]) == 0:
-            raise ModelError(f"{path}: no joint between the base and {letter}_sole")
+        if len(chains[LEGS[side]]) != 6:
+            raise ModelError(
+                f"{path}: {len(chains[LEGS[side]])} joints between the base and "
+                f"{letter}_sole; a leg needs six"
+            )
     upper = [chains[k] for k in chains if "leg" not in k]
     shared = {j for c in upper for j in c if sum(j in other for other in upper) > 1}
     limbs = [Limb(name=n, joints=tuple(chains[n])) for n in LEGS.values()]
@@ -384,7 +392,19 @@ def _home(model: mujoco.MjModel, path: Path) -> np.ndarray:
         raise ModelError(
             f'{path} has no keyframe: add <key name="walk" qpos="..."/> with bent knees'
         )
-    return model.key_qpos[names.index("walk") if "walk" in names else 0].copy()
+    name = "walk" if "walk" in names else names[0]
+    q = model.key_qpos[names.index(name)].copy()
+    if not np.isfinite(q).all():
+        raise ModelError(f'{path}: keyframe "{name}" holds something that is no number')
+    low, high = model.jnt_range[1:, 0] - 1e-6, model.jnt_range[1:, 1] + 1e-6
+    past = (model.jnt_limited[1:] > 0) & ((q[7:] < low) | (q[7:] > high))
+    if past.any():
+        j = int(np.flatnonzero(past)[0])
+        raise ModelError(
+            f'{path}: keyframe "{name}" has joint "{model.joint(j + 1).name}" at '
+            f"{q[7 + j]:.4g} rad, outside its range [{low[j]:.4g}, {high[j]:.4g}]"
+        )
+    return q
 
 
 class Kinematics:

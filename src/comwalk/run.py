@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
+import math
 import platform
 import time
 from collections.abc import Callable
@@ -16,7 +17,7 @@ import mujoco
 import numpy as np
 
 from .control import WalkingController
-from .errors import RunError
+from .errors import ParameterError, PlanError, RunError
 from .log import Log, save_columns
 from .motion import EmbeddedMotion
 from .pattern import Pattern
@@ -166,6 +167,11 @@ def simulate(
     """
     control = control or Control()
     control.check(pattern)
+    if not math.isclose(pattern.pendulum.gravity, robot.gravity, rel_tol=1e-3):
+        raise ParameterError(
+            f"pendulum.gravity is {pattern.pendulum.gravity:g} m/s^2, and that of the "
+            f"robot's model {robot.gravity:g}; make them equal"
+        )
     check_reach(robot, pattern)
     plant = SimulatedRobot(robot, control.period, physics, seed)
     body = WholeBody(robot, control.period, motion, control.body)
@@ -254,6 +260,10 @@ def simulate_pendulum(
 
 def _rows(pattern: Pattern, period: float) -> int:
     """Return how many rows a log of the whole pattern has."""
+    if pattern.duration < period:
+        raise PlanError(
+            f"the plan lasts {pattern.duration:g} s; give it steps, or a stand_time"
+        )
     return int(pattern.duration / period) + 2
 
 

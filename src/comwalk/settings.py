@@ -29,8 +29,8 @@ class Push:
         """
         checked_number("push start", self.start, unit="s", low=0)
         checked_number("push duration", self.duration, unit="s", low=0, open_low=True)
-        if len(self.force) != 3:
-            raise ParameterError(f"push force needs x,y,z in N, got {self.force}")
+        if not isinstance(self.force, (tuple, list)) or len(self.force) != 3:
+            raise ParameterError(f"push force needs x,y,z in N, got {self.force!r}")
         for value in self.force:
             checked_number("push force", value, unit="N", low=-1e5, high=1e5)
 
@@ -60,6 +60,10 @@ class SimulatorSettings:
         )
         checked_number("simulator.friction", self.friction, low=0, high=10)
         checked_number("simulator.noise", self.noise, low=0, high=100)
+        if not all(isinstance(push, Push) for push in _listed(self.pushes)):
+            raise ParameterError(
+                f"simulator.pushes must be Push's, got {self.pushes!r}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -81,6 +85,9 @@ class BodySettings:
             ParameterError: If the feedback is out of range.
         """
         checked_number("body.feedback", self.feedback, unit="1/s", low=0, high=100)
+        for name in ("deflection_compensation", "embed_motion"):
+            if not isinstance(getattr(self, name), bool):
+                raise ParameterError(f"body.{name} must be true or false")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,6 +102,18 @@ class Control:
     """Feedback and compensation of the whole body."""
     period: float = 0.002
     """Control period [s]."""
+
+    def __post_init__(self) -> None:
+        """Check kinds and ranges.
+
+        Raises:
+            ParameterError: If a part is of another kind, or the period out of range.
+        """
+        kinds = {"gains": Gains, "settings": ControlSettings, "body": BodySettings}
+        for name, kind in kinds.items():
+            if not isinstance(getattr(self, name), kind):
+                raise ParameterError(f"control.{name} must be a {kind.__name__}")
+        checked_number("period", self.period, unit="s", low=1e-4, high=0.1)
 
     def check(self, pattern: Pattern) -> None:
         """Refuse unstable gains.
@@ -111,3 +130,8 @@ class Control:
             delay=self.settings.delay + 1,
         )
         check_gains(self.gains, pattern.pendulum, loop)
+
+
+def _listed(value: object) -> list[object]:
+    """Return the items of a tuple or list; anything else as the only item."""
+    return list(value) if isinstance(value, (tuple, list)) else [value]

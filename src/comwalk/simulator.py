@@ -78,8 +78,9 @@ class SimulatedRobot:
             for side in Side
             for kind in ("force", "torque")
         ]
-        self._floor = self.model.geom("floor").id
-        self._trunk = self.model.site_bodyid[self.model.site("imu").id]
+        self._floor = self.model.geom(_FLOOR).id
+        imu = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, "imu_quat")
+        self._trunk = self.model.site_bodyid[self.model.sensor_objid[imu]]
         left_foot = self.model.site_bodyid[robot.feet[Side.LEFT].site]
         self._is_left = (self.model.geom_bodyid == left_foot).astype(float)
         self._tick = 0
@@ -203,8 +204,11 @@ def _sensor(model: mujoco.MjModel, name: str) -> slice:
     return slice(start, start + int(model.sensor_dim[index]))
 
 
+_FLOOR = "comwalk_floor"
+
+
 def build_scene(robot: Robot, settings: SimulatorSettings) -> mujoco.MjModel:
-    """Return the robot on a floor, with light and a following camera.
+    """Return the robot on a floor, with light.
 
     Args:
         robot: The robot.
@@ -220,13 +224,27 @@ def build_scene(robot: Robot, settings: SimulatorSettings) -> mujoco.MjModel:
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
+    spec.worldbody.add_geom(
+        name=_FLOOR,
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0, 0, 0.05],
+        material=_add_look(spec),
+        contype=1,
+        conaffinity=1,
+        friction=[settings.friction, 0.005, 0.0001],
+    )
+    return spec.compile()
+
+
+def _add_look(spec: mujoco.MjSpec) -> str:
+    """Add sky, light and a floor material; return the material's name."""
     spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
     spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 4, 2048
     spec.visual.headlight.ambient = np.full(3, 0.45, np.float32)
     spec.visual.headlight.diffuse = np.full(3, 0.35, np.float32)
     spec.visual.map.znear = 0.02
     spec.add_texture(
-        name="sky",
+        name="comwalk_sky",
         type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
         rgb1=[0.86, 0.90, 0.95],
@@ -235,7 +253,7 @@ def build_scene(robot: Robot, settings: SimulatorSettings) -> mujoco.MjModel:
         height=256,
     )
     spec.add_texture(
-        name="tiles",
+        name="comwalk_tiles",
         type=mujoco.mjtTexture.mjTEXTURE_2D,
         builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
         rgb1=[0.78, 0.80, 0.82],
@@ -243,18 +261,12 @@ def build_scene(robot: Robot, settings: SimulatorSettings) -> mujoco.MjModel:
         width=512,
         height=512,
     )
-    material = spec.add_material(name="floor", texrepeat=[2.5, 2.5], texuniform=True)
-    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "tiles"
-    spec.worldbody.add_geom(
-        name="floor",
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[0, 0, 0.05],
-        material="floor",
-        contype=1,
-        conaffinity=1,
-        friction=[settings.friction, 0.005, 0.0001],
-    )
+    material = spec.add_material(name=_FLOOR, texrepeat=[2.5, 2.5], texuniform=True)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "comwalk_tiles"
     spec.worldbody.add_light(
-        name="sun", pos=[0, 0, 4], dir=[0.25, 0.35, -1], diffuse=[0.5, 0.5, 0.5]
+        name="comwalk_sun",
+        pos=[0, 0, 4],
+        dir=[0.25, 0.35, -1],
+        diffuse=[0.5, 0.5, 0.5],
     ).type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    return spec.compile()
+    return _FLOOR

@@ -99,7 +99,7 @@ def sole_margins(log: Log, robot: Robot) -> np.ndarray:
         foot = robot.feet[side]
         wrenches = log["wrenches"][log["phase"] == phase, k]
         points = _sole_pressure(robot, side, wrenches)
-        loaded = wrenches[:, 2] > foot.mass * 9.81
+        loaded = wrenches[:, 2] > foot.mass * robot.gravity
         margins.append(_margins(foot.sole, points[loaded]))
     return np.concatenate(margins)
 

@@ -107,7 +107,7 @@ class WholeBody:
         self._support = Side.LEFT
         self._offsets = {side: (0.0, 0.0, 0.0) for side in Side}
         self._free = [
-            (limb.name, np.array(limb.joints))
+            (limb.name, np.array(limb.joints, dtype=np.intp))
             for limb in robot.limbs
             if limb.name not in LEGS.values()
         ]
@@ -116,7 +116,7 @@ class WholeBody:
             [names[n] for n in motion.joints] if motion else [], dtype=np.intp
         )
         self._stiffness = robot.servo.stiffness
-        self._gravity = float(np.linalg.norm(robot.model.opt.gravity))
+        self._gravity = robot.gravity
         self._weight = robot.mass * self._gravity
         feet = [robot.feet[side] for side in Side]
         self._foot_sites = np.array(
@@ -157,10 +157,23 @@ class WholeBody:
                 f"above the ground ({1e3 * miss:.0f} mm are missing): lower it "
                 "by pendulum.height"
             )
+        self._check_limits()
         self._zmp = reference.zmp.copy()
         self._support = reference.support
         self.resolution = resolution
         return self._set_points(resolution, reference)
+
+    def _check_limits(self) -> None:
+        """Check that the posture to start from is within the joint limits."""
+        robot, q = self.robot, self.configuration[7:]
+        past = np.flatnonzero((q < robot.lower) | (q > robot.upper))
+        if len(past):
+            j = past[0]
+            raise PlanError(
+                f"to stand like this, joint {robot.joints[j]} would be at "
+                f"{q[j]:.3g} rad, outside [{robot.lower[j]:.3g}, {robot.upper[j]:.3g}]; "
+                "change pendulum.height or gait.half_width"
+            )
 
     def measure(self, sensors: Sensors, reference: Reference) -> Measurement:
         """Return CoM and ZMP as the robot senses them, over the supporting sole.

@@ -1,0 +1,82 @@
+"""The README and the doctests do what they say."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+import pkgutil
+import re
+import shlex
+from pathlib import Path
+
+import pytest
+
+import comwalk
+from comwalk.cli import main
+
+ROOT = Path(__file__).parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"```{language}\n(.*?)```", README, flags=re.DOTALL)
+
+
+def test_python_example_prints_what_it_says(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    (code,) = blocks("python")
+    exec(compile(code, "README.md", "exec"), {})
+    assert capsys.readouterr().out == blocks("text")[0]
+    assert (tmp_path / "walk.png").stat().st_size > 10_000
+
+
+def test_eight_lines_from_robot_to_plot():
+    (code,) = blocks("python")
+    lines = [x for x in code.splitlines() if x.strip() and not x.startswith("import")]
+    assert len(lines) <= 8
+
+
+def commands() -> list[str]:
+    lines = [line for block in blocks("bash") for line in block.splitlines()]
+    return [line for line in lines if line.startswith("comwalk ")]
+
+
+@pytest.mark.parametrize("line", commands())
+def test_commands_run(line, tmp_path, monkeypatch):
+    """Each command of the README ends as its comment says: by itself, or in a fall."""
+    monkeypatch.chdir(tmp_path)
+    command, _, comment = line.partition("#")
+    words = shlex.split(command)[1:]
+    if "runs/..." in words:
+        assert main(["walk", "--steps", "1", "--out", "made"]) == 0
+        words[words.index("runs/...")] = "made"
+    assert main(words) == (1 if "falls" in comment else 0)
+
+
+def test_the_two_single_commands_are_there():
+    for marker, command in (("walk", "comwalk walk"), ("test", "-m pytest")):
+        block = re.search(rf"<!-- {marker} -->\n```bash\n(.*?)```", README, re.DOTALL)
+        assert block is not None
+        assert command in block[1]
+        assert len(block[1].strip().splitlines()) == 1
+        assert block[1].startswith("python3 -m venv")
+
+
+def test_links_lead_somewhere():
+    for target in re.findall(r"\]\(([^)#]+)\)", README):
+        if not target.startswith("http"):
+            assert (ROOT / target).exists(), target
+
+
+def modules() -> list[str]:
+    names = [info.name for info in pkgutil.iter_modules(comwalk.__path__)]
+    return [name for name in names if not name.startswith("__")]
+
+
+@pytest.mark.parametrize("name", modules())
+def test_doctests(name):
+    result = doctest.testmod(
+        importlib.import_module(f"comwalk.{name}"),
+        optionflags=doctest.NORMALIZE_WHITESPACE,
+    )
+    assert result.failed == 0

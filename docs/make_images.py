@@ -69,7 +69,7 @@ def film_dance(folder: Path) -> None:
     setup = build_dance(DanceConfig(amplitude=1.2, frequency=0.5, duration=10.0))
     run = run_of(setup)
     view = dataclasses.replace(FILM, azimuth=math.radians(20.0), overlays=False)
-    start, cycles = 4.0, 4.0 - 1.0 / 14.0
+    start, cycles = 3.2, 4.0 - 1.0 / 14.0
     target = folder / "dance.webp"
     render_run(
         run, target, view=view, start=start, stop=start + cycles, fps=14.0, quality=62

@@ -32,7 +32,7 @@ def paper() -> Robot:
 
 
 def bare_urdf(path: Path) -> str:
-    """Return a URDF without meshes and without the mimic tags that engines differ on."""
+    """Return a URDF without meshes, nor mimic tags, on which engines differ."""
     tree = ET.parse(path)
     for link in tree.getroot().iter("link"):
         for tag in ("visual", "collision"):

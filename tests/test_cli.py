@@ -199,7 +199,7 @@ def test_a_dance_reports_how_still_the_com_is(here, capsys):
     words = ["--duration", "3", "--blend", "0.8", "--out", "d", "--json"]
     assert main(["dance", *words]) == 0
     summary = json.loads(capsys.readouterr().out)
-    assert summary["zmp_com_max_mm"]["x"] < 10.0
+    assert summary["zmp_deviation_max_mm"]["x"] < 10.0
     assert set(summary["com_deviation_max_mm"]) == {"commanded", "measured", "true"}
     assert summary["com_deviation_max_mm"]["true"]["x"] < 3.0
     assert summary == json.loads((here / "d" / "summary.json").read_text())
@@ -216,7 +216,7 @@ def test_the_figures_of_a_dance_are_the_largest_distances():
         "zmp": np.array([[0.001, 0.004], [0.002, 0], [0, 0]]),
     }
     figures = commands.dance_figures(SimpleNamespace(log=log))  # type: ignore[arg-type]
-    assert figures["zmp_com_max_mm"] == pytest.approx({"x": 5.0, "y": 4.0})
+    assert figures["zmp_deviation_max_mm"] == pytest.approx({"x": 5.0, "y": 4.0})
     deviations = figures["com_deviation_max_mm"]
     assert deviations["measured"] == pytest.approx({"x": 3.0, "y": 2.0})
     assert deviations["commanded"] == {"x": 0.0, "y": 0.0}

@@ -23,7 +23,9 @@ def drawn(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(figures, "build_walk", lambda c: build_walk(replace(c, steps=4)))
         patch.setattr(
-            figures, "build_dance", lambda c: build_dance(replace(c, duration=4.0))
+            figures,
+            "build_dance",
+            lambda c: build_dance(replace(c, duration=4.0, blend=1.0)),
         )
         numbers = figures.draw_figures(folder, said.append)
     return folder, numbers, said

@@ -8,6 +8,7 @@ import matplotlib
 import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
+from matplotlib.text import Text
 from PIL import Image
 
 from comwalk.errors import ComwalkError, RunError
@@ -43,7 +44,7 @@ def curve(ax, label):
 
 def texts(figure):
     """Return all that is written in a figure, its legend too."""
-    found = figure.findobj(matplotlib.text.Text)
+    found = figure.findobj(Text)
     return "\n".join(text.get_text() for text in found)
 
 
@@ -95,13 +96,12 @@ def test_run_enlarges_two_steps(walked):
 
 def test_run_shades_each_single_support(walked):
     """Each single support is shaded once, by its own length."""
-    patches = plot_run(walked).axes[0].patches
+    ax = plot_run(walked).axes[0]
+    patches = ax.patches
     spans = [s for s in walked.pattern.phases if "SINGLE" in s.phase.name]
     assert len(patches) == len(spans)
     for patch, span in zip(patches, spans, strict=True):
-        low, high = (
-            patch.get_extents().transformed(patch.axes.transData.inverted()).intervalx
-        )
+        low, high = patch.get_extents().transformed(ax.transData.inverted()).intervalx
         assert low == pytest.approx(span.start, abs=1e-6)
         assert high == pytest.approx(span.start + span.duration, abs=1e-6)
     assert len({to_rgba(p.get_facecolor()) for p in patches}) == 2
@@ -122,7 +122,7 @@ def test_run_marks_a_fall(walked):
     assert "tilted by 40 deg" in texts(figure)
     for ax in figure.axes:
         marks = [line.get_xdata() for line in ax.get_lines()]
-        assert [5.5, 5.5] in [list(x) for x in marks]
+        assert [5.5, 5.5] in [np.asarray(x).tolist() for x in marks]
 
 
 def test_run_of_nan_is_drawn(walked, tmp_path):

@@ -14,6 +14,7 @@ from PIL import Image
 from comwalk import gl, render
 from comwalk.errors import ComwalkError, ParameterError, RunError
 from comwalk.footsteps import Gait, Side, plan_steps
+from comwalk.log import save_columns
 from comwalk.pattern import Phase, make_pattern
 from comwalk.pendulum import Pendulum
 from comwalk.render import View, render_run, render_still, still
@@ -86,7 +87,8 @@ def test_animation_and_strip(walked, tmp_path):
     assert n == 6
     assert done == pytest.approx([k / 6 for k in range(1, 7)])
     with Image.open(film) as image:
-        assert (image.n_frames, image.size) == (6, (96, 96))
+        assert getattr(image, "n_frames", 1) == 6
+        assert image.size == (96, 96)
         assert image.info["loop"] == 0
     assert render_run(walked, strip, view=SMALL, count=3) == 3
     with Image.open(strip) as image:
@@ -100,7 +102,7 @@ def test_saved_run_looks_the_same(walked, tmp_path):
 
     mujoco.mj_saveModel(walked.scene, str(tmp_path / "scene.mjb"))
     columns = {**walked.log.columns, "substeps": np.array(walked.substeps)}
-    np.savez(tmp_path / "run.npz", **columns)
+    save_columns(tmp_path / "run.npz", columns)
     a = render_still(walked, None, 0.8, view=SMALL)
     b = render_still(tmp_path, None, 0.8, view=SMALL)
     assert np.array_equal(a, b)

@@ -343,7 +343,7 @@ def test_limbs_must_form_a_tree():
     a = Limb(name="a", joints=(0, 1))
     with pytest.raises(ModelError, match="repeats"):
         check_limbs([a, Limb(name="b", joints=(1,))])
-    with pytest.raises(ModelError, match='did you mean "a"|must come before'):
+    with pytest.raises(ModelError, match="must come before it"):
         check_limbs([Limb(name="b", joints=(2,), parent="a"), a])
 
 

@@ -189,7 +189,6 @@ def test_bad_models_give_one_clear_line(tmp_path, text, message):
     assert "toy.xml" in line
 
 
-@pytest.mark.xfail(strict=True, reason="the keyframe is not checked when it is read")
 @pytest.mark.parametrize("angle", ["nan", "1.5"])
 def test_a_home_that_is_no_posture_is_refused(tmp_path, monkeypatch, angle):
     """The walking posture must be finite and within the joint limits (-1 to 1)."""
@@ -203,7 +202,6 @@ def paper_text() -> str:
     return (resources.files("comwalk") / "robots/paper.xml").read_text("utf-8")
 
 
-@pytest.mark.xfail(strict=True, reason="the scene adds a floor of the same name")
 def test_a_model_may_have_a_geom_named_floor(tmp_path):
     """What the scene adds is not in the way of what the model has, or it says so."""
     geom = '<geom name="floor" type="sphere" size="0.01" pos="0 0 9" contype="0"/>'
@@ -213,7 +211,6 @@ def test_a_model_may_have_a_geom_named_floor(tmp_path):
         build_scene(robot, SimulatorSettings())
 
 
-@pytest.mark.xfail(strict=True, reason="an empty limb makes an index of floats")
 def test_a_head_without_joints_is_no_obstacle(tmp_path):
     """A gaze frame on the torso: the head has no joints of its own."""
     text = paper_text().replace('<site name="gaze"', '<site name="eyes"')

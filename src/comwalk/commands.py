@@ -343,14 +343,14 @@ def dance_figures(run: Run) -> dict[str, Any]:
         run: A run whose feet stay where they are.
 
     Returns:
-        Largest distances [mm] in x and y: of the measured ZMP from the measured CoM,
-        and of the commanded, measured and true CoM from its place.
+        Largest distances [mm] in x and y from where the CoM is to stay: of the
+        measured ZMP, and of the commanded, measured and true CoM.
     """
     log = run.log
     place = log["com_ref"][:, :2]
     names = {"commanded": "com_command", "measured": "com", "true": "com_true"}
     return {
-        "zmp_com_max_mm": _largest_mm(log["zmp"][:, :2] - log["com"][:, :2]),
+        "zmp_deviation_max_mm": _largest_mm(log["zmp"] - place),
         "com_deviation_max_mm": {
             name: _largest_mm(log[column][:, :2] - place)
             for name, column in names.items()
@@ -458,7 +458,7 @@ def _summary_rows(s: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "CoM error rms, true", _xy(com.get("true"))
     yield "CoM error rms, measured", _xy(com["measured"])
     yield "ZMP error rms", _xy(s["zmp_error_rms_mm"])
-    yield "largest |ZMP - CoM|", _xy(s.get("zmp_com_max_mm"))
+    yield "largest ZMP deviation", _xy(s.get("zmp_deviation_max_mm"))
     for name, value in s.get("com_deviation_max_mm", {}).items():
         yield f"largest CoM deviation, {name}", _xy(value)
     least = _text(s, "sole_margin_min_mm", ", at least {:.0f} mm")

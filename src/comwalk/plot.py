@@ -224,14 +224,16 @@ def _run_column(
         rows = slice(*np.searchsorted(t, span).tolist())
     for i in range(2):
         _com_and_zmp(axes[i], run, i, rows)
+    begin, end = span or (float(t[0]), float(t[-1]))
     for ax in axes:
-        _shade(ax, run.pattern, *(span or (float(t[0]), float(t[-1]))))
+        _shade(ax, run.pattern, begin, end)
         if not run.outcome.ok:
-            ax.axvline(run.outcome.time, color=_INK, lw=1.2, ls=":")
+            ax.axvline(run.outcome.time, color=_INK, lw=1.5, ls=":")
     for i, ax in enumerate(axes[2:]):
         _errors(ax, run, i, rows)
     axes[-1].set_xlabel("t [s]" if span is None else "t [s], enlarged")
-    axes[0].set_xlim(span or (float(t[0]), max(float(t[-1]), float(t[0]) + 1e-3)))
+    margin = 1e-3 if run.outcome.ok else 0.02 * (end - begin) + 1e-3
+    axes[0].set_xlim(begin, end + margin)
 
 
 def _com_and_zmp(ax: Axes, run: Run, i: int, rows: slice) -> None:
@@ -277,8 +279,9 @@ def _run_title(run: Run) -> str:
     kind = "true" if "true" in com else "measured"
     com, zmp = com[kind], figures["zmp_error_rms_mm"]
     steps = f"{figures['steps_completed']}/{figures['steps_planned']} steps"
+    gap = " " if run.outcome.ok else "\n"
     return (
-        f"{name}, {steps}, {figures['distance_m']:.2f} m: {run.outcome}\n"
+        f"{name}, {steps}, {figures['distance_m']:.2f} m:{gap}{run.outcome}\n"
         f"rms errors x, y: CoM ({kind}) {com['x']:.1f}, {com['y']:.1f} mm;  "
         f"ZMP {zmp['x']:.1f}, {zmp['y']:.1f} mm"
     )
@@ -312,6 +315,9 @@ def plot_pattern(
 ) -> Figure:
     """Draw a pattern: two steps in the middle as in Fig. 3, and the footprints.
 
+    K_x and K_y are those of the drawn steps: near the start of a short plan they differ
+    from Eqs. (8) and (13), which hold for a walk without end.
+
     Args:
         pattern: What to draw.
         path: Where to write a picture; not written if None.
@@ -344,15 +350,14 @@ def _middle_steps(pattern: Pattern) -> _Steps | None:
     swings = [k for k, span in enumerate(spans) if span.phase in _SINGLES]
     if not swings:
         return None
-    k = max(len(swings) // 2 - 1, 0)
+    k = (len(swings) - 1) // 2
     if spans[swings[k]].phase is not Phase.SINGLE_LEFT and k + 2 < len(swings):
         k += 1  # as in the paper, the left foot first
-    k = swings[k]
-    before, single = spans[k - 1], spans[k]
+    count = min(2, len(swings) - k)
+    before, single = spans[swings[k] - 1], spans[swings[k]]
     t_d = before.duration / 2
     T = single.duration + 2 * t_d
     start = single.start - t_d
-    count = 2 if len(swings) > 1 else 1
     t = np.linspace(0.0, count * T, 400 * count + 1)
     samples = pattern.sample(start + t)
     origin = 0.5 * (samples.left[0, :2] + samples.right[0, :2])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from .errors import PlanError
+from .errors import ModelError, PlanError
 from .footsteps import Side
 from .pattern import Pattern, Phase
 from .robot import LEGS, Kinematics, Robot
@@ -23,8 +23,15 @@ def check_reach(robot: Robot, pattern: Pattern) -> None:
         pattern: The pattern.
 
     Raises:
+        ModelError: If a leg has not six joints.
         PlanError: If a foot would be out of reach; it names the footstep.
     """
+    for limb in robot.limbs:
+        if limb.name in LEGS.values() and len(limb.joints) != 6:
+            raise ModelError(
+                f"the {limb.name.replace('_', ' ')} of {robot.name} has "
+                f"{len(limb.joints)} joints; walking needs legs of six"
+            )
     kinematics = Kinematics(robot)
     posture = kinematics.posture(robot.home)
     R = posture.rotation

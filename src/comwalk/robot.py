@@ -320,11 +320,8 @@ def _find_limbs(
                 break
     for side, letter in ((Side.LEFT, "l"), (Side.RIGHT, "r")):
         sites[LEGS[side]] = names.index(f"{letter}_sole_centre")
-        if len(chains[LEGS[side]]) != 6:
-            raise ModelError(
-                f"{path}: {len(chains[LEGS[side]])} joints between the base and "
-                f"{letter}_sole; a leg needs six"
-            )
+        if len(chains[LEGS[side]]) == 0:
+            raise ModelError(f"{path}: no joint between the base and {letter}_sole")
     upper = [chains[k] for k in chains if "leg" not in k]
     shared = {j for c in upper for j in c if sum(j in other for other in upper) > 1}
     limbs = [Limb(name=n, joints=tuple(chains[n])) for n in LEGS.values()]

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import mujoco
 import numpy as np
@@ -366,9 +367,17 @@ def load_recording(folder: str | Path) -> tuple[mujoco.MjModel, dict[str, np.nda
         with np.load(path / "run.npz", allow_pickle=False) as file:
             columns = dict(file)
         model = mujoco.MjModel.from_binary_path(str(path / "scene.mjb"))
-    except (OSError, ValueError, EOFError, mujoco.FatalError) as error:
+    except (OSError, ValueError, EOFError, BadZipFile, mujoco.FatalError) as error:
         raise RunError(f"{path} is broken: {' '.join(str(error).split())}") from None
-    missing = {"qpos", "qvel", "ctrl", "substeps"} - set(columns)
+    widths = {"qpos": model.nq, "qvel": model.nv, "ctrl": model.nu}
+    missing = {*widths, "substeps"} - set(columns)
     if missing:
         raise RunError(f"{path}/run.npz lacks {', '.join(sorted(missing))}")
+    rows = len(columns["qpos"])
+    for name, width in widths.items():
+        if columns[name].shape != (rows, width):
+            raise RunError(
+                f"{path}/run.npz does not fit scene.mjb: {name} has the shape "
+                f"{columns[name].shape}, and the model asks for {(rows, width)}"
+            )
     return model, columns

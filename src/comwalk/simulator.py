@@ -96,7 +96,16 @@ class SimulatedRobot:
         self._tick = 0
 
     def start(self, command: Command) -> Sensors:
-        """Hold a first command and return the first reading."""
+        """Let the robot come to rest under a first command; return the first reading.
+
+        What the settling leaves is the configuration alone, so that a replay from the
+        first recorded state has nothing to guess.
+        """
+        self.data.ctrl[self._actuators] = command.positions
+        mujoco.mj_step(self.model, self.data, round(_SETTLING / self.settings.timestep))
+        settled = self.data.qpos.copy()
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = settled
         self.write(command)
         # Sensors need a forward pass; on a copy, it leaves no trace in the run.
         mujoco.mj_copyData(self._probe, self.model, self.data)
@@ -205,6 +214,7 @@ def _sensor(model: mujoco.MjModel, name: str) -> slice:
 
 
 _FLOOR = "comwalk_floor"
+_SETTLING = 0.5  # time to come to rest before a run [s]
 
 
 def build_scene(robot: Robot, settings: SimulatorSettings) -> mujoco.MjModel:

@@ -154,8 +154,8 @@ class WholeBody:
         if miss > 1e-4:
             raise PlanError(
                 f"the legs cannot reach the feet with the CoM {reference.com[2]:.3g} m "
-                f"above the ground ({1e3 * miss:.0f} mm are missing): lower it "
-                "by pendulum.height"
+                f"above the ground ({1e3 * miss:.0f} mm are missing): change "
+                "pendulum.height"
             )
         self._check_limits()
         self._zmp = reference.zmp.copy()
@@ -171,8 +171,9 @@ class WholeBody:
             j = past[0]
             raise PlanError(
                 f"to stand like this, joint {robot.joints[j]} would be at "
-                f"{q[j]:.3g} rad, outside [{robot.lower[j]:.3g}, {robot.upper[j]:.3g}]; "
-                "change pendulum.height or gait.half_width"
+                f"{q[j]:.3g} rad, outside [{robot.lower[j]:.3g}, "
+                f"{robot.upper[j]:.3g}]; "
+                "change pendulum.height"
             )
 
     def measure(self, sensors: Sensors, reference: Reference) -> Measurement:

@@ -216,7 +216,7 @@ def test_the_figures_of_a_dance_are_the_largest_distances():
         "zmp": np.array([[0.001, 0.004], [0.002, 0], [0, 0]]),
     }
     figures = commands.dance_figures(SimpleNamespace(log=log))  # type: ignore[arg-type]
-    assert figures["zmp_deviation_max_mm"] == pytest.approx({"x": 5.0, "y": 4.0})
+    assert figures["zmp_deviation_max_mm"] == pytest.approx({"x": 2.0, "y": 4.0})
     deviations = figures["com_deviation_max_mm"]
     assert deviations["measured"] == pytest.approx({"x": 3.0, "y": 2.0})
     assert deviations["commanded"] == {"x": 0.0, "y": 0.0}

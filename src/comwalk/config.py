@@ -219,7 +219,7 @@ class DanceConfig(RobotConfig):
     """Factor on all angles of the dance about the home posture, in [0, 100]."""
     speed: float = 1.0
     """Factor on the speed of the dance, in [0.001, 1000]."""
-    blend: float = 2.0
+    blend: float = 1.0
     """Time to blend the dance in, and to blend it out [s], above 0."""
     half_width: float = 0.09
     """Half of the distance between both feet [m], in [0.02, 0.4]."""

@@ -16,7 +16,6 @@ choose_backend()  # before anything imports mujoco
 
 from comwalk.config import (  # noqa: E402
     DanceConfig,
-    Setup,
     WalkConfig,
     build_dance,
     build_walk,
@@ -24,7 +23,6 @@ from comwalk.config import (  # noqa: E402
 from comwalk.figures import draw_figures  # noqa: E402
 from comwalk.footsteps import Gait  # noqa: E402
 from comwalk.render import View, render_run, still  # noqa: E402
-from comwalk.run import Run, simulate  # noqa: E402
 
 FILM = View(width=480, height=432, shadows=True, smooth=2, distance=1.6)
 """Camera of the animations."""
@@ -32,19 +30,6 @@ PORTRAIT = View(
     width=720, height=900, shadows=True, smooth=3, distance=1.4, overlays=False
 )
 """Camera of the portrait."""
-
-
-def run_of(setup: Setup) -> Run:
-    """Return the run of a setup with a robot."""
-    if setup.robot is None:
-        raise SystemExit("pictures need a robot")
-    return simulate(
-        setup.robot,
-        setup.pattern,
-        control=setup.control,
-        motion=setup.motion,
-        physics=setup.physics,
-    )
 
 
 def film_walk(folder: Path) -> None:
@@ -55,7 +40,7 @@ def film_walk(folder: Path) -> None:
     walk = WalkConfig(
         gait=Gait(stand_time=1.6), steps=6, motion="swing", motion_amplitude=0.4
     )
-    run = run_of(build_walk(walk))
+    run = build_walk(walk).run()
     if run.scene is None or not run.outcome.ok:
         raise SystemExit(f"the walk is not fit to be shown: {run.outcome}")
     render_run(
@@ -67,7 +52,7 @@ def film_walk(folder: Path) -> None:
 def film_dance(folder: Path) -> None:
     """Film two cycles of a dance, so that the film loops without a jump."""
     setup = build_dance(DanceConfig(amplitude=1.2, frequency=0.5, duration=10.0))
-    run = run_of(setup)
+    run = setup.run()
     view = dataclasses.replace(FILM, azimuth=math.radians(20.0), overlays=False)
     start, cycles = 3.2, 4.0 - 1.0 / 14.0
     target = folder / "dance.webp"

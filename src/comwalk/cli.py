@@ -15,6 +15,7 @@ from importlib import metadata
 from cyclopts import App, CycloptsError, UnusedCliTokensError
 
 from .errors import ComwalkError
+from .gl import choose_backend
 
 COMPLETED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 """Exit codes: it worked; the robot fell or a check failed; the input is wrong; the user
@@ -42,6 +43,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit code: 0 completed, 1 fell or aborted, 2 bad input, 130 interrupted.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    choose_backend()  # a wrong MUJOCO_GL would make the import of MuJoCo fail
     try:
         code = _app()(
             _joined_pairs(words),

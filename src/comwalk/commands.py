@@ -287,7 +287,7 @@ def _perform(settings: RobotConfig, setup: Setup, command: str, words: str) -> i
     prepare_folder(folder)
     try:
         with _progress(setup.pattern.duration, settings.json) as progress:
-            run = _simulate(settings, setup, progress)
+            run = setup.run(progress)
     except BaseException:
         for path in missing:
             path.rmdir()
@@ -312,28 +312,6 @@ def _run_folder(out: str | None, command: str) -> Path:
     while folder.exists():
         folder, k = Path("runs") / f"{begin}-{k}-{command}", k + 1
     return folder
-
-
-def _simulate(settings: RobotConfig, setup: Setup, progress: Callable | None) -> Run:
-    """Simulate with the robot or with the simplified model."""
-    from .run import simulate, simulate_pendulum
-
-    if setup.robot is None:
-        return simulate_pendulum(
-            setup.pattern,
-            control=setup.control,
-            disturbance=setup.disturbance,
-            progress=progress,
-        )
-    return simulate(
-        setup.robot,
-        setup.pattern,
-        control=setup.control,
-        motion=setup.motion,
-        physics=setup.physics,
-        seed=settings.seed,
-        progress=progress,
-    )
 
 
 def dance_figures(run: Run) -> dict[str, Any]:

@@ -16,7 +16,7 @@ import re
 import shlex
 import tomllib
 import types
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import (
@@ -58,6 +58,7 @@ from .settings import BodySettings, Control, Push, SimulatorSettings
 
 if TYPE_CHECKING:
     from .robot import Robot
+    from .run import Run
 
 MAX_SEED = 2**32 - 1
 """Largest seed of random numbers [-]."""
@@ -569,6 +570,39 @@ class Setup:
     """Physics and pushes."""
     disturbance: Disturbance = no_disturbance
     """Disturbance of the simplified model."""
+    seed: int = 0
+    """Seed of the sensor noise."""
+
+    def run(self, progress: Callable[[float], None] | None = None) -> Run:
+        """Simulate it, with the robot or with the simplified model.
+
+        Args:
+            progress: Called now and then with the simulated time [s].
+
+        Returns:
+            The run.
+
+        Raises:
+            ComwalkError: If gains or plan cannot be walked.
+        """
+        from .run import simulate, simulate_pendulum
+
+        if self.robot is None:
+            return simulate_pendulum(
+                self.pattern,
+                control=self.control,
+                disturbance=self.disturbance,
+                progress=progress,
+            )
+        return simulate(
+            self.robot,
+            self.pattern,
+            control=self.control,
+            motion=self.motion,
+            physics=self.physics,
+            seed=self.seed,
+            progress=progress,
+        )
 
 
 def build_walk(config: WalkConfig) -> Setup:
@@ -670,6 +704,7 @@ def _checked(
         motion=motion,
         control=control,
         physics=config.physics,
+        seed=config.seed,
     )
 
 

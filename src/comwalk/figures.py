@@ -14,7 +14,7 @@ from .config import DanceConfig, Setup, WalkConfig, build_dance, build_walk
 from .errors import RunError
 from .pattern import Pattern, Phase, transfer_zmp
 from .plot import Row, plot_arms, plot_dance, plot_pattern, plot_run
-from .run import Run, prepare_folder, simulate
+from .run import Run, prepare_folder
 
 PAPER_OMEGA = 3.78
 """The natural frequency that the paper states, omega_n [rad/s]."""
@@ -60,12 +60,12 @@ def draw_figures(
     path, say = prepare_folder(folder), progress or (lambda text: None)
     say("walking 20 steps")
     setup = build_walk(WalkConfig())
-    walked = _simulated(setup)
+    walked = setup.run()
     say("dancing")
     dance = build_dance(DanceConfig())
-    danced = _simulated(dance)
+    danced = dance.run()
     say("dancing, with a resolution that ignores the arms")
-    ignored = _simulated(_ignoring_arms(dance))
+    ignored = _ignoring_arms(dance).run()
     say("drawing")
     tables = {
         "fig3": pattern_quantities(setup.pattern),
@@ -79,19 +79,6 @@ def draw_figures(
     plot_dance(danced, path / "fig6.png", without=ignored, table=rows["fig6"])
     plot_run(walked, path / "fig7.png", table=rows["fig7"])
     return _write_tables(path, tables)
-
-
-def _simulated(setup: Setup) -> Run:
-    """Return the run of a robot's setup."""
-    if setup.robot is None:
-        raise RunError("the figures need a robot, not the simplified model")
-    return simulate(
-        setup.robot,
-        setup.pattern,
-        control=setup.control,
-        motion=setup.motion,
-        physics=setup.physics,
-    )
 
 
 def _ignoring_arms(setup: Setup) -> Setup:

@@ -1,4 +1,4 @@
-# make check: lint and types; make test: all tests; make images: docs and their figures.
+# make check: lint and types; make test: all tests; make docs: its pictures and its table.
 PYTHON ?= .venv/bin/python
 
 check:
@@ -9,7 +9,8 @@ check:
 test:
 	$(PYTHON) -m pytest
 
-images:
+docs:
 	$(PYTHON) docs/make_images.py
+	$(PYTHON) docs/make_results.py
 
-.PHONY: check test images
+.PHONY: check test docs

@@ -6,6 +6,7 @@ import doctest
 import importlib
 import pkgutil
 import re
+import runpy
 import shlex
 from pathlib import Path
 
@@ -80,3 +81,21 @@ def test_doctests(name):
         optionflags=doctest.NORMALIZE_WHITESPACE,
     )
     assert result.failed == 0
+
+
+EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=[path.stem for path in EXAMPLES])
+def test_examples_run(path, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    runpy.run_path(str(path), run_name="__main__")
+    assert capsys.readouterr().out.strip()
+
+
+def test_examples_are_single_files_a_stranger_can_run():
+    assert len(EXAMPLES) >= 5
+    for path in EXAMPLES:
+        text = path.read_text(encoding="utf-8")
+        assert text.startswith("# /// script\n")
+        assert len(text.splitlines()) <= 60

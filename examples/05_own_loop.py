@@ -1,0 +1,30 @@
+# /// script
+# dependencies = ["comwalk"]
+# ///
+"""The loop of Fig. 4 by hand: what a driver of a real robot would do each period."""
+
+import comwalk as cw
+from comwalk.control import WalkingController
+from comwalk.simulator import SimulatedRobot
+from comwalk.whole_body import WholeBody
+
+period = 0.002  # [s]
+robot = cw.load_robot("paper")
+pattern = cw.make_pattern(cw.plan_steps(cw.Gait(), 2), cw.Pendulum())
+body = WholeBody(robot, period)
+controller = WalkingController(cw.Gains(), cw.ControlSettings(), period)
+plant = SimulatedRobot(robot, period)  # any object with start, read, write, stop
+
+reference = pattern.at(0.0)
+command = body.start(reference)
+controller.reset(reference.com, reference.zmp)
+plant.place(body.configuration)
+sensors = plant.start(command)
+for tick in range(int(pattern.duration / period)):
+    reference = pattern.at(tick * period)
+    measured = body.measure(sensors, reference)
+    control = controller.step(reference, measured.com, measured.zmp)
+    plant.write(body.act(control, reference))
+    sensors = plant.read()
+plant.stop("done")
+print(f"the CoM ended {1e3 * abs(control.com_error).max():.1f} mm from its reference")

@@ -16,9 +16,7 @@ from comwalk.config import (
     build_walk,
     command_line,
     fields_of,
-    home_angles,
     is_motion_file,
-    joint_limits,
     make_config,
     parse_push,
     read_table,
@@ -262,7 +260,7 @@ def test_a_walk_is_built_of_its_parts():
     assert setup.motion is not None
     assert setup.motion.stop == pytest.approx(setup.pattern.duration - 0.2)
     q, dq = setup.motion.at(0.0)
-    assert q.tolist() == [home_angles(setup.robot)[j] for j in setup.motion.joints]
+    assert q.tolist() == [setup.robot.home_angles[j] for j in setup.motion.joints]
     assert not dq.any()
 
 
@@ -321,7 +319,7 @@ def test_files_are_changed_by_scale_and_speed(tmp_path):
 def test_limits_are_the_robots():
     robot = build_walk(WalkConfig(steps=1)).robot
     assert robot is not None
-    limits = joint_limits(robot)
+    limits = robot.joint_limits
     j = robot.joints.index("l_elbow_pitch")
     assert limits["l_elbow_pitch"].lower == robot.lower[j]
     assert limits["l_elbow_pitch"].speed == robot.speed[j]

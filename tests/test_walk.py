@@ -12,7 +12,7 @@ from robots import paper
 from comwalk.control import Gains
 from comwalk.errors import ParameterError, PlanError, RunError
 from comwalk.footsteps import Foothold, FootstepPlan, Gait, plan_steps
-from comwalk.motion import JointLimit, builtin_motion, embed_in, prepare_motion
+from comwalk.motion import builtin_motion, embed_in, prepare_motion
 from comwalk.pattern import Phase, make_pattern
 from comwalk.pendulum import Pendulum
 from comwalk.plant import random_bounded
@@ -160,17 +160,11 @@ def test_uneven_footsteps_and_timings():
 
 def dance(name="paper", amplitude=0.5, frequency=0.5, seconds=6.0, walking=None, **kw):
     robot = paper()
-    home = dict(zip(robot.joints, robot.home[7:], strict=True))
-    limits = {
-        n: JointLimit(*row)
-        for n, *row in zip(
-            robot.joints, robot.lower, robot.upper, robot.speed, strict=True
-        )
-    }
+    home = robot.home_angles
     motion = prepare_motion(
         builtin_motion(name, amplitude=amplitude, frequency=frequency, home=home),
         allowed=robot.upper_body,
-        limits=limits,
+        limits=robot.joint_limits,
         home=home,
     )
     plan = FootstepPlan(

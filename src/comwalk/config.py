@@ -42,7 +42,6 @@ from .footsteps import (
 )
 from .motion import (
     EmbeddedMotion,
-    JointLimit,
     Motion,
     builtin_motion,
     embed_in,
@@ -738,7 +737,7 @@ def _clip(
     prefix: str,
 ) -> Motion:
     """Return the motion that a robot can play, checked against its limits."""
-    home = home_angles(robot)
+    home = robot.home_angles
     if is_motion_file(source):
         for name, value in (("amplitude", amplitude), ("frequency", frequency)):
             other = "scale" if name == "amplitude" else "speed"
@@ -757,7 +756,7 @@ def _clip(
         scaled(motion, scale, speed, about=home),
         allowed=robot.upper_body,
         ignored=[j for j in robot.joints if j not in robot.upper_body],
-        limits=joint_limits(robot),
+        limits=robot.joint_limits,
         home=home,
     )
 
@@ -774,32 +773,6 @@ def is_motion_file(source: str) -> bool:
     return "/" in source or os.sep in source or bool(Path(source).suffix)
 
 
-def home_angles(robot: Robot) -> dict[str, float]:
-    """Return the joint angles of the home posture.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        Angles [rad] by joint.
-    """
-    return dict(zip(robot.joints, robot.home[7:].tolist(), strict=True))
-
-
-def joint_limits(robot: Robot) -> dict[str, JointLimit]:
-    """Return what each joint can do.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        Limits by joint.
-    """
-    columns = (robot.lower.tolist(), robot.upper.tolist(), robot.speed.tolist())
-    rows = zip(robot.joints, *columns, strict=True)
-    return {name: JointLimit(*limits) for name, *limits in rows}
-
-
 def _embedded(
     robot: Robot, motion: Motion, duration: float, blend: float
 ) -> EmbeddedMotion:
@@ -809,9 +782,9 @@ def _embedded(
         stop = min(stop, _REST + motion.duration)
     return embed_in(
         motion,
-        home_angles(robot),
+        robot.home_angles,
         start=_REST,
         stop=stop,
         blend=blend,
-        limits=joint_limits(robot),
+        limits=robot.joint_limits,
     )

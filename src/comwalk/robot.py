@@ -17,6 +17,7 @@ import numpy as np
 
 from .errors import ModelError, checked_number, nearest
 from .footsteps import Side
+from .motion import JointLimit
 from .polygon import convex_hull
 from .resolution import Limb, Posture
 
@@ -109,6 +110,18 @@ class Robot:
     def base_body(self) -> int:
         """Body of the body center, the one with the free joint."""
         return int(self.model.jnt_bodyid[0])
+
+    @property
+    def home_angles(self) -> dict[str, float]:
+        """Joint angles of the walking posture [rad], by joint."""
+        return dict(zip(self.joints, self.home[7:].tolist(), strict=True))
+
+    @property
+    def joint_limits(self) -> dict[str, JointLimit]:
+        """What each joint can do, by joint."""
+        columns = (self.lower.tolist(), self.upper.tolist(), self.speed.tolist())
+        rows = zip(self.joints, *columns, strict=True)
+        return {name: JointLimit(*limits) for name, *limits in rows}
 
     @property
     def upper_body(self) -> tuple[str, ...]:

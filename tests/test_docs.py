@@ -10,6 +10,7 @@ import runpy
 import shlex
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import comwalk
@@ -99,3 +100,43 @@ def test_examples_are_single_files_a_stranger_can_run():
         text = path.read_text(encoding="utf-8")
         assert text.startswith("# /// script\n")
         assert len(text.splitlines()) <= 60
+
+
+FILES = (ROOT / "docs" / "files.md").read_text(encoding="utf-8")
+
+
+def marked(kind: str) -> list[str]:
+    return re.findall(rf"<!-- {kind} -->\n```\w+\n(.*?)```", FILES, flags=re.DOTALL)
+
+
+@pytest.mark.parametrize("text", marked("plan"))
+def test_plans_in_the_docs_walk(text, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("plan.toml").write_text(text)
+    assert main(["walk", "--plan", "plan.toml", "--out", "run"]) == 0
+
+
+def test_configuration_in_the_docs_walks(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (text,) = marked("config")
+    Path("walk.toml").write_text(text)
+    assert main(["walk", "--config", "walk.toml", "--out", "run"]) == 0
+    again = ["walk", "--config", "run/summary.json", "--out", "again", "--steps", "1"]
+    assert main(again) == 0
+
+
+def test_motion_in_the_docs_dances(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (text,) = marked("motion")
+    Path("motion.csv").write_text(text)
+    command = ["dance", "--motion", "motion.csv", "--duration", "5", "--out", "run"]
+    assert main(command) == 0
+
+
+def test_every_column_is_in_the_docs(tmp_path):
+    push = ["--push", "1.0:0,10,0"]
+    assert main(["walk", "--steps", "1", "--out", str(tmp_path), *push]) == 0
+    columns = set(np.load(tmp_path / "run.npz").files)
+    table = FILES.split("Columns of `run.npz`")[1]
+    named = set(re.findall(r"`(\w+)`", table))
+    assert columns <= named, columns - named

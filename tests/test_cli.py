@@ -207,7 +207,7 @@ def test_a_dance_reports_how_still_the_com_is(here, capsys):
 
 
 def test_the_figures_of_a_dance_are_the_largest_distances():
-    from types import SimpleNamespace
+    from comwalk.summary import dance_figures
 
     log = {
         "com_ref": np.zeros((3, 3)),
@@ -215,7 +215,7 @@ def test_the_figures_of_a_dance_are_the_largest_distances():
         "com_command": np.zeros((3, 2)),
         "zmp": np.array([[0.001, 0.004], [0.002, 0], [0, 0]]),
     }
-    figures = commands.dance_figures(SimpleNamespace(log=log))  # type: ignore[arg-type]
+    figures = dance_figures(log)  # type: ignore[arg-type]
     assert figures["zmp_deviation_max_mm"] == pytest.approx({"x": 2.0, "y": 4.0})
     deviations = figures["com_deviation_max_mm"]
     assert deviations["measured"] == pytest.approx({"x": 3.0, "y": 2.0})

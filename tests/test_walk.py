@@ -259,7 +259,7 @@ def test_replay_by_a_stranger(short, tmp_path):
     folder = short.save(tmp_path / "run")
     model = mujoco.MjModel.from_binary_path(str(folder / "scene.mjb"))
     data = mujoco.MjData(model)
-    record = np.load(folder / "run.npz")
+    record = dict(np.load(folder / "run.npz"))
     data.qpos[:], data.qvel[:] = record["qpos"][0], record["qvel"][0]
     for k in range(len(record["t"]) - 1):
         data.ctrl[:] = record["ctrl"][k]

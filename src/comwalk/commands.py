@@ -11,7 +11,6 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-import numpy as np
 from cyclopts import Parameter
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
@@ -37,7 +36,7 @@ from .motion import BUILTIN_MOTIONS, Motion, builtin_motion, load_motion
 from .pattern import coefficients, make_pattern, transfer_zmp
 
 if TYPE_CHECKING:
-    from .run import Run
+    pass
 
 LARGEST_REPLAY_ERROR = 1e-6
 """Largest difference of a replay from its record [m, rad]."""
@@ -297,8 +296,6 @@ def _perform(settings: RobotConfig, setup: Setup, command: str, words: str) -> i
     run = dataclasses.replace(run, settings={**run.settings, **notes})
     run.save(folder)
     summary = run.summary()
-    if command == "dance":
-        summary = _save_dance(run, summary, folder)
     _print_json(summary) if settings.json else _print_summary(summary, folder)
     return 0 if run.outcome.ok else 1
 
@@ -312,46 +309,6 @@ def _run_folder(out: str | None, command: str) -> Path:
     while folder.exists():
         folder, k = Path("runs") / f"{begin}-{k}-{command}", k + 1
     return folder
-
-
-def dance_figures(run: Run) -> dict[str, Any]:
-    """Return how far CoM and ZMP leave their place in a dance, as in Fig. 6.
-
-    Args:
-        run: A run whose feet stay where they are.
-
-    Returns:
-        Largest distances [mm] in x and y from where the CoM is to stay: of the
-        measured ZMP, and of the commanded, measured and true CoM.
-    """
-    log = run.log
-    place = log["com_ref"][:, :2]
-    names = {"commanded": "com_command", "measured": "com", "true": "com_true"}
-    return {
-        "zmp_deviation_max_mm": _largest_mm(log["zmp"] - place),
-        "com_deviation_max_mm": {
-            name: _largest_mm(log[column][:, :2] - place)
-            for name, column in names.items()
-            if column in log
-        },
-    }
-
-
-def _largest_mm(error: np.ndarray) -> dict[str, float]:
-    """Return the largest magnitudes of x and y [mm]."""
-    x, y = (1e3 * np.abs(error).max(axis=0)).tolist()
-    return {"x": x, "y": y}
-
-
-def _save_dance(run: Run, summary: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """Add the figures of a dance to its summary, and draw them."""
-    from .plot import plot_dance
-
-    summary = {**summary, **dance_figures(run)}
-    text = json.dumps(summary, indent=2, allow_nan=False)
-    (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-    plot_dance(run, folder / "dance.png")
-    return summary
 
 
 # ---- Printing ---------------------------------------------------------------------

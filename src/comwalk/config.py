@@ -616,6 +616,7 @@ def build_walk(config: WalkConfig) -> Setup:
     Raises:
         ComwalkError: If they do not exist, or do not go together.
     """
+    _refuse_idle(config)
     robot = None if config.plant == "pendulum" else _load(config)
     plan = _plan(config, robot)
     pattern = make_pattern(plan, config.pendulum)
@@ -637,6 +638,27 @@ def build_walk(config: WalkConfig) -> Setup:
     a, b = config.disturbance
     eps = random_bounded(a, b, config.seed, duration=pattern.duration)
     return dataclasses.replace(setup, disturbance=eps)
+
+
+def _refuse_idle(config: WalkConfig) -> None:
+    """Refuse settings that would do nothing, since a user expects them to."""
+    default = WalkConfig()
+    asked = {
+        "plan": (config.plan is not None, ("steps", "gait")),
+        "motion": (
+            config.motion is None,
+            ("motion_amplitude", "motion_frequency", "motion_scale", "motion_speed"),
+        ),
+    }
+    for name, (idle, fields) in asked.items():
+        changed = [f for f in fields if getattr(config, f) != getattr(default, f)]
+        if idle and changed:
+            without = (
+                "with a plan, which holds its own"
+                if name == "plan"
+                else ("without a motion")
+            )
+            raise ParameterError(f"{changed[0]} does nothing {without}; leave it out")
 
 
 def build_dance(config: DanceConfig) -> Setup:

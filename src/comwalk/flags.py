@@ -113,7 +113,7 @@ def _read_number(hint: Any, tokens: Any) -> float | str:
     """Return a number, or the word "none"."""
     text = tokens[0].value
     try:
-        return text if text == "none" else float(text)
+        return text.lower() if text.lower() == "none" else float(text)
     except ValueError:
         raise ParameterError(f'not a number, nor "none": "{text}"') from None
 

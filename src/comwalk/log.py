@@ -75,6 +75,7 @@ class Log:
             "zmp_ref_filtered": control.zmp_reference,
             "com_command": control.com_command,
             "u": control.u,
+            "bounded": control.saturated,
             "left_load": reference.left_load,
             "feet_ref": (reference.left.position, reference.right.position),
             "heading_ref": reference.heading,

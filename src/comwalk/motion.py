@@ -33,6 +33,7 @@ import numpy as np
 from scipy.interpolate import CubicSpline
 
 from .errors import MotionError, checked_number, nearest
+from .swing import minimum_jerk
 
 _SHORTEST_STEP = 1e-6
 """Smallest time between two samples [s]."""
@@ -343,7 +344,7 @@ class EmbeddedMotion:
         q_m, dq_m = self.motion.at(t_in)
         if tau >= blend:
             return q_m, dq_m
-        w, dw = _min_jerk(tau / blend)
+        w, dw = minimum_jerk(tau / blend)
         dw = dw / blend if t_in < t_out else -dw / blend
         d = q_m - self.home
         return self.home + w * d, w * dq_m + dw * d
@@ -357,11 +358,6 @@ def _set_window_time(embedded: EmbeddedMotion, name: str) -> None:
     low = 0.0 if name == "blend" else -math.inf
     x = checked_number(name, value, unit="s", low=low, open_low=name == "blend")
     object.__setattr__(embedded, name, x)
-
-
-def _min_jerk(s: float) -> tuple[float, float]:
-    """Return the minimum-jerk weight and its slope at s in [0, 1]."""
-    return s * s * s * (10.0 + s * (6.0 * s - 15.0)), 30.0 * (s * (1.0 - s)) ** 2
 
 
 def embed_in(

@@ -911,7 +911,9 @@ def _heading_curve(
     landings = [p.start + p.duration for p in pieces[3:-3:2]]
     knots = [pieces[1].start, pieces[2].start, *landings, pieces[-1].start]
     yaw = _mean_yaw(poses)
-    cubics = PchipInterpolator(knots, [yaw[0], *yaw, yaw[-1]]).c
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        # A denormal turn overflows in its slopes' harmonic mean, which is 0 then.
+        cubics = PchipInterpolator(knots, [yaw[0], *yaw, yaw[-1]]).c
     return knots, cubics.T.tolist()
 
 

@@ -72,7 +72,7 @@ class Posture:
 
 ALL_ROWS = (0, 1, 2, 3, 4, 5)
 
-_gesv, _getrf, _getri = get_lapack_funcs(("gesv", "getrf", "getri"), dtype=np.float64)
+_gesv = get_lapack_funcs("gesv", dtype=np.float64)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -518,7 +518,7 @@ class Resolver:
         check_limbs(limbs)
         self.limbs = tuple(limbs)
         self.damping = damping or Damping()
-        self._safe = self.damping.threshold**-2
+        self._seen: tuple[_Layout | None, np.ndarray, float] = None, np.zeros(0), 0.0
         self._layouts: dict[tuple, _Layout] = {}
 
     def resolve(self, posture: Posture, task: Task) -> Resolution:
@@ -542,16 +542,22 @@ class Resolver:
         A = S.take(layout.free, axis=1)
         lam2 = self._damping_of(A, layout)
         if lam2 > 0.0:
-            free = np.full(len(posture.jacobian[0]) - 6, np.inf)
-            return self._give_way(posture, task, RateLimits(-free, free), lam2)
+            return self._give_way(posture, task, self._unlimited(S), lam2)
         v = np.zeros(S.shape[1])
-        known = self._known_rates(task, layout)
-        b = self._wishes(task, layout) - S.take(layout.known, axis=1) @ known
+        v[layout.known] = self._known_rates(task, layout)
+        b = self._wishes(task, layout) - S @ v
         if not layout.square:
             A, b = self._squared(task, layout, A, b)
-        v[layout.known] = known
-        v[layout.free] = _gesv(A, b)[2]
+        _, _, v[layout.free], singular = _gesv(A, b)
+        if singular:
+            lam2 = self.damping.squared(0.0)
+            return self._give_way(posture, task, self._unlimited(S), lam2)
         return Resolution(v, posture, task, self.limbs)
+
+    def _unlimited(self, S: np.ndarray) -> RateLimits:
+        """Return limits that no rate meets."""
+        far = np.full(S.shape[1] - 6, np.inf)
+        return RateLimits(-far, far)
 
     def resolve_within(
         self, posture: Posture, task: Task, limits: RateLimits
@@ -571,7 +577,8 @@ class Resolver:
         """
         exact = self.resolve(posture, task)
         rates = exact.velocity[6:]
-        if (rates <= limits.upper).all() and (rates >= limits.lower).all():
+        over = np.count_nonzero(rates > limits.upper)
+        if not over and not np.count_nonzero(rates < limits.lower):
             return exact
         layout = self._layout(task)
         A = layout.pick(posture.jacobian).take(layout.free, axis=1)
@@ -598,19 +605,27 @@ class Resolver:
         W, k = layout.weights, len(free)
         lam = np.full(k, math.sqrt(lam2) + 1e-6)
         lam[:6] = 0.0  # joint rates are damped, the body's own are not
+        rest = lam * self._wished_rates(task, layout, len(v))[free]
         v[free] = lsq_linear(
             np.vstack(
                 [np.vstack([S[:, free], np.eye(3, k)]) * W[:, None], np.diag(lam)]
             ),
-            np.concatenate(
-                [np.concatenate([w - S @ v, task.trunk_rate]) * W, 0.0 * lam]
-            ),
+            np.concatenate([np.concatenate([w - S @ v, task.trunk_rate]) * W, rest]),
             bounds=(lower[free], upper[free]),
             method="bvls",
         ).x
         at_limit = (v <= lower + 1e-6) | (v >= upper - 1e-6)
         limited = tuple((np.flatnonzero(at_limit) - 6).tolist())
         return Resolution(v, posture, task, self.limbs, lam2 > 0.0, limited)
+
+    def _wished_rates(self, task: Task, layout: _Layout, size: int) -> np.ndarray:
+        """Return the rates that redundant limbs fall back to, zero elsewhere."""
+        v = np.zeros(size)
+        for limb, _, _ in layout.cartesian:
+            motion = motion_of(task, limb.name)
+            if isinstance(motion, CartesianMotion) and motion.posture_rates is not None:
+                v[limb.columns] = motion.posture_rates
+        return v
 
     def _known_rates(self, task: Task, layout: _Layout) -> np.ndarray:
         """Return omega_o, then the rates of the joint-space limbs."""
@@ -636,19 +651,21 @@ class Resolver:
     def _damping_of(self, A: np.ndarray, layout: _Layout) -> float:
         """Return lambda^2 of the most singular square limb.
 
-        1 / |J^-1|_F is a lower bound of sigma_min at a fraction of its cost, and
-        LAPACK called by itself at a fraction of that.
+        A singular value moves by no more than the matrix does (Weyl), so it is found
+        anew only when the matrix has moved by the room that was left.
         """
-        for rows, columns in layout.legs:
-            lu, pivots, singular = _getrf(A[rows, columns])
-            if not singular:
-                inverse = _getri(lu, pivots)[0].ravel(order="K")
-                if inverse @ inverse < self._safe:
-                    continue
-            J = np.array([A[leg] for leg in layout.legs])
-            sigmas = np.linalg.svd(J, compute_uv=False)[:, -1]
-            return self.damping.squared(float(sigmas.min()))
-        return 0.0
+        seen, A_seen, room = self._seen
+        if seen is layout:
+            moved = (A - A_seen).ravel()
+            if moved @ moved < room:
+                return 0.0
+        if not layout.legs:
+            return 0.0
+        J = np.array([A[leg] for leg in layout.legs])
+        sigma = float(np.linalg.svd(J, compute_uv=False)[:, -1].min())
+        room = max(0.0, sigma - self.damping.threshold) ** 2
+        self._seen = layout, A.copy(), room
+        return self.damping.squared(sigma)
 
     def _squared(
         self, task: Task, layout: _Layout, A: np.ndarray, b: np.ndarray

@@ -8,6 +8,7 @@ a `Posture` with MuJoCo's kinematics in C.
 from __future__ import annotations
 
 import copy
+import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -186,11 +187,12 @@ def _find(source: str) -> tuple[str, Path]:
     path = Path(source)
     if path.suffix.lower() in (".xml", ".mjcf", ".urdf") or "/" in source:
         if not path.is_file():
-            raise ModelError(f"robot file {source} does not exist")
+            fault = "is not a file" if path.exists() else "does not exist"
+            raise ModelError(f"robot file {source} {fault}")
         return path.stem, path
     raise ModelError(
-        f'unknown robot "{source}"; {nearest(source, BUILTIN_ROBOTS)} '
-        "A model of your own is given by its path, such as ./my_robot.xml"
+        f'unknown robot "{source}"; {nearest(source, BUILTIN_ROBOTS)}; '
+        "a model of your own is given by its path, such as ./my_robot.xml"
     )
 
 
@@ -202,7 +204,12 @@ def _one_line(error: Exception) -> str:
 def _read(path: Path) -> mujoco.MjSpec:
     """Parse an MJCF file."""
     try:
+        numbers = re.search(r"""=["'][^"'<>]*\bnan\b""", path.read_text("utf-8"), re.I)
+        if numbers:
+            raise ModelError(f"{path} holds nan, which is no number: {numbers[0][2:]}")
         spec = mujoco.MjSpec.from_file(str(path))
+    except ModelError:
+        raise
     except (ValueError, mujoco.FatalError, UnicodeDecodeError, OSError) as error:
         raise ModelError(f"{path} is not a readable MJCF: {_one_line(error)}") from None
     names = {site.name for site in spec.sites}

@@ -17,7 +17,7 @@ from zipfile import BadZipFile
 import mujoco
 import numpy as np
 
-from .control import WalkingController
+from .control import ControlSettings, WalkingController
 from .errors import ParameterError, PlanError, RunError
 from .log import Log, save_columns
 from .motion import EmbeddedMotion
@@ -61,7 +61,7 @@ class Run:
         return {**figures, "versions": versions(), "settings": self.settings}
 
     def plot(self, path: str | Path | None = None) -> Any:
-        """Draw CoM and ZMP over time as in Fig. 7.
+        """Draw CoM and ZMP over time, as in Fig. 7, or as in Fig. 6 for a dance.
 
         Args:
             path: Where to write a picture; not written if None.
@@ -72,15 +72,17 @@ class Run:
         Raises:
             RunError: If the picture cannot be written.
         """
-        from .plot import plot_run
+        from .plot import plot_dance, plot_run
 
-        return plot_run(self, path)
+        return (
+            plot_run(self, path) if self.pattern.plan.steps else plot_dance(self, path)
+        )
 
     def save(self, folder: str | Path) -> Path:
         """Write summary.json, run.npz, scene.mjb and the figure into a folder.
 
         Args:
-            folder: Made if it does not exist; files of an earlier run are replaced.
+            folder: Made if it does not exist; an earlier run in it is replaced.
 
         Returns:
             The folder.
@@ -89,14 +91,19 @@ class Run:
             RunError: If it cannot be written.
         """
         folder = prepare_folder(folder)
+        for name in _FILES:
+            (folder / name).unlink(missing_ok=True)
         columns = {**self.log.columns, "substeps": np.array(self.substeps)}
         save_columns(folder / "run.npz", columns)
         if self.scene is not None:
             mujoco.mj_saveModel(self.scene, str(folder / "scene.mjb"))
         text = json.dumps(self.summary(), indent=2, allow_nan=False)
         (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-        self.plot(folder / "walk.png")
+        self.plot(folder / ("walk.png" if self.pattern.plan.steps else "dance.png"))
         return folder
+
+
+_FILES = ("summary.json", "run.npz", "scene.mjb", "walk.png", "dance.png")
 
 
 def prepare_folder(folder: str | Path) -> Path:
@@ -167,7 +174,9 @@ def simulate(
         PlanError: If the plan cannot be walked by this robot.
     """
     control = control or Control()
+    _check_kinds(robot, pattern, motion)
     control.check(pattern)
+    _check_pushes(pattern, physics)
     if not math.isclose(pattern.pendulum.gravity, robot.gravity, rel_tol=1e-3):
         raise ParameterError(
             f"pendulum.gravity is {pattern.pendulum.gravity:g} m/s^2, and that of the "
@@ -179,7 +188,10 @@ def simulate(
     body.start(pattern.at(0.0))
     plant.place(body.configuration)
     controller = WalkingController(control.gains, control.settings, control.period)
-    log = Log(_rows(pattern, control.period), plant.snapshot)
+    log = Log(
+        _rows(pattern, control.period),
+        lambda: {**plant.snapshot(), **body.diagnostics()},
+    )
     begin = time.perf_counter()
     record = _recorder(log, progress)
     outcome = walk(pattern, controller, body, plant, on_tick=record, watch=watch)
@@ -230,16 +242,18 @@ def simulate_pendulum(
         ParameterError: If the gains are unstable.
     """
     control = control or Control()
-    control.check(pattern)
+    control.check(pattern, servo_lag)
     plant = PendulumPlant(
         pattern.pendulum,
         period=control.period,
         servo_lag=servo_lag,
         disturbance=disturbance,
     )
-    # A velocity disturbance that lasts takes the integral of u anywhere: no bound.
-    settings = dataclasses.replace(control.settings, max_offset=1e6)
-    controller = WalkingController(control.gains, settings, control.period)
+    if control.settings.max_offset == ControlSettings().max_offset:
+        # A disturbance that lasts takes the integral of u anywhere: no bound.
+        settings = dataclasses.replace(control.settings, max_offset=1e6)
+        control = dataclasses.replace(control, settings=settings)
+    controller = WalkingController(control.gains, control.settings, control.period)
     log = Log(_rows(pattern, control.period))
     begin = time.perf_counter()
     record = _recorder(log, progress)
@@ -257,6 +271,31 @@ def simulate_pendulum(
             "plan": plain(pattern.plan),
         },
     )
+
+
+def _check_kinds(robot: object, pattern: object, motion: object) -> None:
+    """Say what to call when something else was passed than is needed."""
+    for value, kind, advice in (
+        (robot, Robot, "load_robot(name) makes one"),
+        (pattern, Pattern, "make_pattern(plan, Pendulum()) makes one of a plan"),
+        (motion, (EmbeddedMotion, type(None)), "embed_in(motion, home) makes one"),
+    ):
+        if not isinstance(value, kind):
+            wanted = kind if isinstance(kind, type) else kind[0]
+            raise ParameterError(
+                f"simulate needs a {wanted.__name__}, got a {type(value).__name__}; "
+                + advice
+            )
+
+
+def _check_pushes(pattern: Pattern, physics: SimulatorSettings | None) -> None:
+    """Refuse pushes that would never happen."""
+    for push in physics.pushes if physics else ():
+        if push.start >= pattern.duration:
+            raise ParameterError(
+                f"the push at {push.start:g} s comes after the end of the run at "
+                f"{pattern.duration:g} s; let it start earlier"
+            )
 
 
 def _rows(pattern: Pattern, period: float) -> int:
@@ -367,8 +406,11 @@ def load_recording(folder: str | Path) -> tuple[mujoco.MjModel, dict[str, np.nda
         with np.load(path / "run.npz", allow_pickle=False) as file:
             columns = dict(file)
         model = mujoco.MjModel.from_binary_path(str(path / "scene.mjb"))
-    except (OSError, ValueError, EOFError, BadZipFile, mujoco.FatalError) as error:
-        raise RunError(f"{path} is broken: {' '.join(str(error).split())}") from None
+    except (OSError, ValueError, EOFError, BadZipFile, mujoco.FatalError):
+        raise RunError(
+            f"{path} is broken: run.npz is no archive of numbers, or scene.mjb is no "
+            "model of this version of MuJoCo"
+        ) from None
     widths = {"qpos": model.nq, "qvel": model.nv, "ctrl": model.nu}
     missing = {*widths, "substeps"} - set(columns)
     if missing:

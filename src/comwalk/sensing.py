@@ -86,4 +86,4 @@ def tilt_of(orientation: np.ndarray) -> float:
         Angle [rad] in [0, pi].
     """
     _, x, y, _ = orientation.tolist()
-    return math.acos(max(-1.0, min(1.0, 1.0 - 2.0 * (x * x + y * y))))
+    return 2.0 * math.asin(min(1.0, math.hypot(x, y)))

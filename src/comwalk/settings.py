@@ -115,17 +115,19 @@ class Control:
                 raise ParameterError(f"control.{name} must be a {kind.__name__}")
         checked_number("period", self.period, unit="s", low=1e-4, high=0.1)
 
-    def check(self, pattern: Pattern) -> None:
+    def check(self, pattern: Pattern, servo_lag: float = 0.02) -> None:
         """Refuse unstable gains.
 
         Args:
             pattern: Uses its pendulum.
+            servo_lag: Time constant between u and the CoM's velocity [s].
 
         Raises:
             ParameterError: If the ideal or the sampled loop is unstable.
         """
         loop = SampledLoop(
             period=self.period,
+            servo_lag=servo_lag,
             zmp_cutoff=self.settings.zmp_cutoff,
             delay=self.settings.delay + 1,
         )

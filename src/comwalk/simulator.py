@@ -7,6 +7,7 @@ simulator knows (`truth`) goes to the log alone.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import mujoco
@@ -27,10 +28,10 @@ class Truth:
     """CoM [m], world, of shape (3,)."""
     zmp: np.ndarray
     """Centre of pressure of the ground contacts [m], nan in the air, of shape (2,)."""
-    loads: tuple[float, float]
-    """Vertical ground force on the left and the right foot [N]."""
-    saturated: bool
-    """Whether any servo is at its torque limit."""
+    loads: np.ndarray
+    """Vertical ground force on the left and the right foot [N], of shape (2,)."""
+    torques: np.ndarray
+    """Torques of the servos [N m], of shape (joints,)."""
 
 
 class SimulatedRobot:
@@ -73,16 +74,11 @@ class SimulatedRobot:
         self._imu = [
             _sensor(self.model, n) for n in ("imu_quat", "imu_gyro", "imu_acc")
         ]
-        self._ankles = [
-            _sensor(self.model, f"{side.value[0]}_{kind}")
-            for side in Side
-            for kind in ("force", "torque")
-        ]
-        self._floor = self.model.geom(_FLOOR).id
+        self._ankles = np.array([_ankle_readings(self.model, side) for side in Side])
+        self._feet = self.model.site_bodyid[[robot.feet[side].site for side in Side]]
         imu = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, "imu_quat")
         self._trunk = self.model.site_bodyid[self.model.sensor_objid[imu]]
-        left_foot = self.model.site_bodyid[robot.feet[Side.LEFT].site]
-        self._is_left = (self.model.geom_bodyid == left_foot).astype(float)
+        self._felt, self._ground = np.zeros((2, 6)), np.zeros((2, 6))
         self._tick = 0
 
     def place(self, configuration: np.ndarray) -> None:
@@ -110,6 +106,7 @@ class SimulatedRobot:
         # Sensors need a forward pass; on a copy, it leaves no trace in the run.
         mujoco.mj_copyData(self._probe, self.model, self.data)
         mujoco.mj_forward(self.model, self._probe)
+        self._average([self._probe])
         return self._sense(self._probe)
 
     def write(self, command: Command) -> None:
@@ -122,11 +119,36 @@ class SimulatedRobot:
                 self.data.xfrc_applied[self._trunk, :3] += push.force
 
     def read(self) -> Sensors:
-        """Simulate one period and return what the robot senses."""
-        for _ in range(self.substeps):
-            mujoco.mj_step(self.model, self.data)
+        """Simulate one period and return what the robot senses.
+
+        Forces are averages over the period, as an ankle sensor with an anti-aliasing
+        filter gives: each new set-point makes them ring within it.
+        """
+        self._average(self._substeps())
         self._tick += 1
         return self._sense(self.data)
+
+    def _substeps(self) -> Iterator[mujoco.MjData]:
+        """Simulate one period, and offer the state after each physics step."""
+        for _ in range(self.substeps):
+            mujoco.mj_step(self.model, self.data)
+            yield self.data
+
+    def _average(self, states: Iterable[mujoco.MjData]) -> None:
+        """Average the ankle sensors and the ground forces over some states."""
+        self._felt[:], self._ground[:], count = 0.0, 0.0, 0
+        for data in states:
+            self._felt += data.sensordata.take(self._ankles)
+            self._ground += self._ground_forces(data)
+            count += 1
+        self._felt /= count
+        self._ground /= count
+
+    def _ground_forces(self, data: mujoco.MjData) -> np.ndarray:
+        """Return torque about the world's origin and force on each foot, (2, 6)."""
+        forces = data.cfrc_ext.take(self._feet, axis=0)
+        forces[:, :3] += _cross(data.subtree_com[self.robot.base_body], forces[:, 3:])
+        return forces
 
     def stop(self, reason: str) -> None:
         """Do nothing: the motors of a simulated robot need no rest."""
@@ -134,9 +156,8 @@ class SimulatedRobot:
     def _sense(self, data: mujoco.MjData) -> Sensors:
         """Return the sensors' readings, with noise if asked."""
         s = data.sensordata
-        f_l, t_l, f_r, t_r = (s[part] for part in self._ankles)
         # MuJoCo gives what the shank exerts on the foot; the robot feels the opposite.
-        wrenches = -np.array([[*f_l, *t_l], [*f_r, *t_r]])
+        wrenches = -self._felt
         positions = data.qpos[7:].copy()
         if self.settings.noise:
             scale = self.settings.noise * _NOISE
@@ -153,7 +174,7 @@ class SimulatedRobot:
             acc,
         )
 
-    def snapshot(self) -> dict[str, np.ndarray | bool]:
+    def snapshot(self) -> dict[str, np.ndarray]:
         """Return the state before the next period's physics, and the truth, to log."""
         data, truth = self.data, self.truth()
         row = {
@@ -162,8 +183,8 @@ class SimulatedRobot:
             "ctrl": data.ctrl,
             "com_true": truth.com,
             "zmp_true": truth.zmp,
-            "loads_true": np.array(truth.loads),
-            "saturated": truth.saturated,
+            "loads_true": truth.loads,
+            "torques_true": truth.torques,
         }
         if self.model.na:
             row["act"] = data.act
@@ -172,32 +193,38 @@ class SimulatedRobot:
         return row
 
     def truth(self) -> Truth:
-        """Return what only the simulator knows, contact forces of the last step."""
+        """Return what only the simulator knows, ground forces of the last period."""
         data = self.data
         # mj_step leaves positions one step behind qpos: compute the CoM anew.
         self._probe.qpos[:] = data.qpos
         mujoco.mj_kinematics(self.model, self._probe)
         mujoco.mj_comPos(self.model, self._probe)
-        # The floor is flat: each contact's normal force, its first row, is vertical.
-        contact, zmp, loads = data.contact, np.full(2, np.nan), (0.0, 0.0)
-        if data.ncon:
-            geoms = contact.geom
-            touching = (geoms == self._floor).any(axis=1)
-            f_z = np.where(touching, data.efc_force[contact.efc_address], 0.0)
-            total = float(f_z.sum())
-            left = self._is_left[geoms].max(axis=1)
-            loads = (float(f_z @ left), total - float(f_z @ left))
-            zmp = f_z @ contact.pos[:, :2] / total if total > 1.0 else zmp
-        forces = np.abs(data.actuator_force[self._actuators])
+        left, right = self._ground
+        m_x, m_y, _, _, _, f_z = (left + right).tolist()
+        zmp = np.full(2, np.nan)
+        if f_z > 1.0:
+            zmp[:] = -m_y / f_z, m_x / f_z
         return Truth(
             com=self._probe.subtree_com[self.robot.base_body].copy(),
             zmp=zmp,
-            loads=loads,
-            saturated=bool((forces >= 0.999 * self.robot.torque).any()),
+            loads=np.array([left[5], right[5]]),
+            torques=data.actuator_force[self._actuators],
         )
 
 
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the cross product of a vector with each row, faster than numpy's."""
+    x, y, z = a.tolist()
+    return b @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+
+
 _NOISE = np.array([5.0, 5.0, 5.0, 0.2, 0.2, 0.2, 1e-4])
+
+
+def _ankle_readings(model: mujoco.MjModel, side: Side) -> list[int]:
+    """Return where force and torque of an ankle stand in sensordata, six places."""
+    parts = [_sensor(model, f"{side.value[0]}_{kind}") for kind in ("force", "torque")]
+    return [i for part in parts for i in range(part.start, part.stop)]
 
 
 def _sensor(model: mujoco.MjModel, name: str) -> slice:

@@ -897,7 +897,7 @@ class SampledLoop:
     servo_lag: float = 0.02
     """Time constant tau of the CoM velocity servo [s], above 0."""
 
-    zmp_cutoff: float | None = 5.0
+    zmp_cutoff: float | None = 4.0
     """Cut-off of the first-order ZMP filter [Hz], above 0; None for the raw ZMP."""
 
     delay: int = 1

@@ -10,7 +10,7 @@ import numpy as np
 from .footsteps import Side
 from .log import Log
 from .pattern import Pattern, Phase
-from .robot import Robot
+from .robot import Kinematics, Robot
 from .walk import Outcome
 
 
@@ -54,11 +54,36 @@ def summarize(
         "com_error_rms_mm": com_errors,
         "zmp_error_rms_mm": _rms_mm(zmp_error),
         "zmp_error_max_mm": float(1e3 * np.hypot(*zmp_error.T).max()),
+        "command_bounded_pct": 100.0 * float(log["bounded"].mean()),
         "real_time_factor": float(log["t"][-1] / seconds),
         "tick_us_p50": float(np.percentile(ticks, 50)),
         "tick_us_p99": float(np.percentile(ticks, 99)),
     }
+    if not pattern.plan.steps:
+        figures |= dance_figures(log)
     return figures if robot is None else figures | _robot_figures(log, robot)
+
+
+def dance_figures(log: Log) -> dict[str, Any]:
+    """Return how far CoM and ZMP leave their place in a dance, as in Fig. 6.
+
+    Args:
+        log: The record of a run whose feet stay where they are.
+
+    Returns:
+        Largest distances [mm] in x and y from where the CoM is to stay: of the
+        measured ZMP, and of the commanded, measured and true CoM.
+    """
+    place = log["com_ref"][:, :2]
+    names = {"commanded": "com_command", "measured": "com", "true": "com_true"}
+    return {
+        "zmp_deviation_max_mm": _largest_mm(log["zmp"] - place),
+        "com_deviation_max_mm": {
+            name: _largest_mm(log[column][:, :2] - place)
+            for name, column in names.items()
+            if column in log
+        },
+    }
 
 
 def _robot_figures(log: Log, robot: Robot) -> dict[str, Any]:
@@ -68,12 +93,17 @@ def _robot_figures(log: Log, robot: Robot) -> dict[str, Any]:
     turn = _yaw_of_quat(log["qpos"][-1, 3:7]) - log["heading_ref"][-1]
     speed = np.abs(log["qvel"][:, 6:]) / robot.speed
     fastest = int(np.argmax(speed.max(axis=0)))
+    torques = np.abs(log["torques_true"])
+    saturated = (torques >= 0.999 * robot.torque).any(axis=1)
     return {
         "heading_error_deg": math.degrees(math.remainder(turn, math.tau)),
         "sole_margin_min_mm": _finite(margins.min()),
         "sole_margin_p5_mm": _finite(np.percentile(margins, 5)),
         "trunk_tilt_max_deg": float(np.degrees(log["tilt"].max())),
-        "torque_saturation_pct": float(100.0 * log["saturated"].mean()),
+        "torque_saturation_pct": 100.0 * float(saturated.mean()),
+        "joint_limits_met_pct": 100.0 * float((log["limited"] > 0).mean()),
+        "near_singular_pct": 100.0 * float((log["damped"] > 0).mean()),
+        "resolution_loss_max": float(log["loss"].max()),
         "joint_speed_max_pct": float(100.0 * speed.max()),
         "joint_speed_max_joint": robot.joints[fastest],
     }
@@ -99,16 +129,23 @@ def sole_margins(log: Log, robot: Robot) -> np.ndarray:
         foot = robot.feet[side]
         wrenches = log["wrenches"][log["phase"] == phase, k]
         points = _sole_pressure(robot, side, wrenches)
-        loaded = wrenches[:, 2] > foot.mass * robot.gravity
+        loaded = wrenches[:, 2] > _LOADED * robot.mass * robot.gravity
         margins.append(_margins(foot.sole, points[loaded]))
     return np.concatenate(margins)
 
 
+_LOADED = 0.05  # share of the weight above which a foot has a centre of pressure
+
+
 def _sole_pressure(robot: Robot, side: Side, wrenches: np.ndarray) -> np.ndarray:
     """Return centres of pressure in the frame of a sole's centre, of shape (n, 2)."""
-    model, foot = robot.model, robot.feet[side]
-    arm = model.site_pos[foot.sensor_site] - model.site_pos[foot.site]
-    f, m = wrenches[:, :3], wrenches[:, 3:]
+    kinematics, foot = Kinematics(robot), robot.feet[side]
+    kinematics.update(robot.home)
+    (sole, sensor), (R_sole, R_sensor) = kinematics.sites(
+        np.array([foot.site, foot.sensor_site])
+    )
+    arm, R = (sensor - sole) @ R_sole, R_sole.T @ R_sensor
+    f, m = wrenches[:, :3] @ R.T, wrenches[:, 3:] @ R.T
     with np.errstate(divide="ignore", invalid="ignore"):
         x = arm[0] - (m[:, 1] + arm[2] * f[:, 0]) / f[:, 2]
         y = arm[1] + (m[:, 0] - arm[2] * f[:, 1]) / f[:, 2]
@@ -122,6 +159,12 @@ def _margins(sole: np.ndarray, points: np.ndarray) -> np.ndarray:
     inward /= np.linalg.norm(inward, axis=1, keepdims=True)
     offsets = points[:, None, :] - sole[None]
     return np.einsum("nkd,kd->nk", offsets, inward).min(axis=1)
+
+
+def _largest_mm(error: np.ndarray) -> dict[str, float]:
+    """Return the largest magnitudes of x and y [mm]."""
+    x, y = (1e3 * np.abs(error).max(axis=0)).tolist()
+    return {"x": x, "y": y}
 
 
 def _rms_mm(error: np.ndarray) -> dict[str, float]:

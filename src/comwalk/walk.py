@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import time
 from collections.abc import Callable
@@ -12,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from .control import ControlOutput, WalkingController
-from .errors import checked_number
+from .errors import ModelError, checked_number
 from .pattern import Pattern, Phase, Reference
 from .plant import Command, Plant, Sensors
 from .sensing import Measurement
@@ -125,34 +126,57 @@ def walk(
         The outcome. A fall, and an interruption by the user, are outcomes.
     """
     guard = _Guard(watch or Watch())
+    check_joints(body, plant)
     reference = pattern.at(0.0)
     controller.reset(reference.com, reference.zmp)
-    sensors = plant.start(body.start(reference))
-    outcome = None
+    outcome, reason = None, "an error"
     try:
+        sensors = plant.start(body.start(reference))
         for tick in range(math.ceil(pattern.duration / plant.period)):
             begin = time.perf_counter()
             reference = pattern.at(tick * plant.period)
             measured = body.measure(sensors, reference)
+            outcome = guard.check(reference, sensors, measured)
+            if outcome is not None:
+                break
             control = controller.step(reference, measured.com, measured.zmp)
             command = body.act(control, reference)
             seconds = time.perf_counter() - begin
             plant.write(command)
             if on_tick is not None:
                 on_tick(Tick(reference, sensors, measured, control, command, seconds))
-            outcome = guard.check(reference, sensors, measured)
-            if outcome is not None:
-                break
             sensors = plant.read()
+        reason = "done" if outcome is None else outcome.cause
     except KeyboardInterrupt:
-        outcome = _end(End.ABORTED, reference, "interrupted by the user")
+        reason = "interrupted by the user"
+        outcome = _end(End.ABORTED, reference, reason)
     finally:
-        plant.stop("done" if outcome is None else outcome.cause)
+        plant.stop(reason)
     if outcome is None:
         return Outcome(
             End.COMPLETED, pattern.duration, reference.phase, reference.step, ""
         )
     return outcome
+
+
+def check_joints(body: Body, plant: Plant) -> None:
+    """Check that body and plant speak of the same joints in the same order.
+
+    Args:
+        body: What makes set-points.
+        plant: What gets them.
+
+    Raises:
+        ModelError: If they do not.
+    """
+    ours, theirs = tuple(body.joint_names), tuple(plant.joint_names)
+    if ours != theirs:
+        pairs = enumerate(itertools.zip_longest(ours, theirs))
+        k, (mine, its) = next((k, pair) for k, pair in pairs if pair[0] != pair[1])
+        raise ModelError(
+            f"joint {k + 1} is {mine} for the robot's model and {its} for the plant: "
+            "a driver must use the model's joints in the model's order"
+        )
 
 
 def _end(end: End, reference: Reference, cause: str) -> Outcome:
@@ -173,8 +197,13 @@ class _Guard:
     ) -> Outcome | None:
         """Return the outcome that ends the run now, if any."""
         watch, t = self.watch, reference.time
-        if not (np.isfinite(sensors.positions).all() and math.isfinite(measured.load)):
-            return _end(End.ABORTED, reference, "the sensors read no numbers")
+        for name, value in (
+            ("encoders", sensors.positions),
+            ("ankle sensors", sensors.wrenches),
+            ("IMU", sensors.orientation),
+        ):
+            if not np.isfinite(value).all():
+                return _end(End.ABORTED, reference, f"the {name} read no numbers")
         if measured.tilt > watch.tilt:
             tilt = math.degrees(measured.tilt)
             return _end(End.FELL, reference, f"the trunk tilted by {tilt:.0f} deg")

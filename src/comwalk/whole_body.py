@@ -37,6 +37,11 @@ from .spatial import level_error, yaw_of
 class Body(Protocol):
     """The robot box of Fig. 4, as the loop sees it."""
 
+    @property
+    def joint_names(self) -> tuple[str, ...]:
+        """Names of the joints that its set-points are for, in order."""
+        ...
+
     def start(self, reference: Reference) -> Command:
         """Return the set-points of the posture to start from."""
         ...
@@ -52,6 +57,8 @@ class Body(Protocol):
 
 class PointBody:
     """The body of the simplified model (30): the CoM itself is the joint. Final."""
+
+    joint_names = ("com_x", "com_y")
 
     def start(self, reference: Reference) -> Command:
         """Return the CoM to start from."""
@@ -94,6 +101,7 @@ class WholeBody:
             settings: How it follows its commands.
         """
         self.robot = robot
+        self.joint_names = robot.joints
         self.period = period
         self.settings = settings or BodySettings()
         self.configuration = robot.home.copy()
@@ -359,6 +367,22 @@ class WholeBody:
         np.maximum(lower, -robot.speed, out=lower)
         np.minimum(upper, robot.speed, out=upper)
         return RateLimits(lower, upper)
+
+    def diagnostics(self) -> dict[str, float]:
+        """Return what the last resolution had to give up, to log.
+
+        Returns:
+            `damped`: 1 near a singular posture; `limited`: number of joints held at
+            a speed or position limit; `loss`: the largest residual [m/s, rad/s].
+        """
+        resolution = self.resolution
+        if resolution is None or not (resolution.damped or resolution.limited):
+            return {"damped": 0.0, "limited": 0.0, "loss": 0.0}
+        return {
+            "damped": float(resolution.damped),
+            "limited": float(len(resolution.limited)),
+            "loss": resolution.loss(),
+        }
 
     def _set_points(self, resolution: Resolution, reference: Reference) -> Command:
         """Return set-points that lead by the deflection the plan implies.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import json
 
 import mujoco
@@ -9,17 +10,19 @@ import numpy as np
 import pytest
 from robots import paper
 
-from comwalk.control import Gains
-from comwalk.errors import ParameterError, PlanError, RunError
+from comwalk.control import ControlOutput, Gains, WalkingController
+from comwalk.errors import ModelError, ParameterError, PlanError, RunError
 from comwalk.footsteps import Foothold, FootstepPlan, Gait, plan_steps
 from comwalk.motion import builtin_motion, embed_in, prepare_motion
 from comwalk.pattern import Phase, make_pattern
 from comwalk.pendulum import Pendulum
-from comwalk.plant import random_bounded
+from comwalk.plant import Sensors, random_bounded
 from comwalk.robot import load_robot
 from comwalk.run import replay, simulate, simulate_pendulum
 from comwalk.settings import BodySettings, Control, Push, SimulatorSettings
-from comwalk.walk import End
+from comwalk.summary import sole_margins
+from comwalk.walk import End, walk
+from comwalk.whole_body import WholeBody
 
 OPEN_LOOP = Control(gains=Gains(zmp=0.0, com=0.0))
 
@@ -342,3 +345,170 @@ def test_interrupt_is_an_outcome():
     run = simulate(paper(), pattern_of(1), progress=interrupt)
     assert run.outcome.end is End.ABORTED
     assert "user" in run.outcome.cause
+
+
+class Stub:
+    """A plant that reads what it is told; it records how it was stopped."""
+
+    period = 0.002
+
+    def __init__(self, joint_names, **broken):
+        self.joint_names, self.broken, self.reason = joint_names, broken, None
+
+    def start(self, command):
+        self.command = command
+        return self.read()
+
+    def write(self, command):
+        self.command = command
+
+    def read(self):
+        weight = paper().mass * 9.81
+        ankle = np.array([0.0, 0.0, weight / 2, 0.0, 0.0, 0.0])
+        reading = {
+            "time": 0.0,
+            "positions": self.command.positions.copy(),
+            "velocities": np.zeros(len(self.joint_names)),
+            "wrenches": np.array([ankle, ankle]),
+            "orientation": np.array([1.0, 0.0, 0.0, 0.0]),
+            "gyro": np.zeros(3),
+            "acceleration": np.zeros(3),
+        }
+        return Sensors(**{**reading, **self.broken})
+
+    def stop(self, reason):
+        self.reason = reason
+
+
+def walk_stub(plant):
+    robot, period = paper(), Stub.period
+    body, controller = WholeBody(robot, period), WalkingController(period=period)
+    return walk(pattern_of(1), controller, body, plant), body
+
+
+@pytest.mark.parametrize(
+    ("broken", "cause"),
+    [
+        ({"positions": np.full(30, np.nan)}, "encoders"),
+        ({"wrenches": np.full((2, 6), np.inf)}, "ankle sensors"),
+        ({"orientation": np.full(4, np.nan)}, "IMU"),
+    ],
+)
+def test_sensors_that_read_no_numbers_abort(broken, cause):
+    plant = Stub(paper().joints, **broken)
+    outcome, _ = walk_stub(plant)
+    assert outcome.end is End.ABORTED
+    assert cause in outcome.cause
+    assert plant.reason == outcome.cause
+
+
+def test_a_lifted_robot_stops():
+    """In the air the feet feel nothing: after a moment that is the end."""
+    plant = Stub(paper().joints, wrenches=np.zeros((2, 6)))
+    plant.broken["wrenches"][:, 2] = 300.0
+    read, calls = plant.read, iter(range(10**6))
+
+    def lifted():
+        if next(calls) > 50:
+            plant.broken["wrenches"] = np.zeros((2, 6))
+        return read()
+
+    plant.read = lifted
+    outcome, _ = walk_stub(plant)
+    assert outcome.end is End.FELL
+    assert "lost the ground" in outcome.cause
+    assert 0.25 < outcome.time < 0.4
+
+
+def test_a_tilted_trunk_is_a_fall():
+    tilted = np.array([np.cos(0.35), np.sin(0.35), 0.0, 0.0])
+    outcome, _ = walk_stub(Stub(paper().joints, orientation=tilted))
+    assert outcome.end is End.FELL
+    assert "tilted by 40 deg" in outcome.cause
+
+
+def test_joints_in_another_order_are_refused():
+    with pytest.raises(ModelError, match="joint 1 is l_hip_yaw"):
+        walk_stub(Stub(paper().joints[::-1]))
+
+
+def test_commanded_posture_turns_with_the_plan():
+    """Heading and swing foot follow their rates: no lag behind the feedback."""
+    pattern = pattern_of(4, half_step=0.0, turn=0.3)
+    run = simulate(paper(), pattern)
+    data = mujoco.MjData(run.scene)
+    joints = slice(7, None)
+    errors = []
+    for k in range(0, len(run.log), 50):
+        data.qpos[:] = run.log["qpos"][k]
+        mujoco.mj_kinematics(run.scene, data)
+        R = data.xmat[1].reshape(3, 3)
+        errors.append(np.arctan2(R[1, 0], R[0, 0]) - run.log["heading_ref"][k])
+    assert np.ptp(run.log["heading_ref"]) > 1.0
+    assert np.abs(errors).max() < 0.006
+    assert run.log["qpos"][:, joints].shape[1] == len(paper().joints)
+
+
+def test_commanded_arm_follows_the_dance():
+    """The rate feed-forward: the commanded arm is where the dance is, not behind."""
+    robot, home, period = paper(), paper().home_angles, 0.002
+    dance = builtin_motion("paper", amplitude=0.5, frequency=1.0, home=home)
+    embedded = embed_in(dance, home, start=0.0)
+    body = WholeBody(robot, period, embedded)
+    pattern = pattern_of(4)
+    body.start(pattern.at(0.0))
+    j = [robot.joints.index(name) for name in embedded.joints]
+    for k in range(600):
+        reference = pattern.at(k * period)
+        body.act(ControlOutput.still(reference), reference)
+    wanted, rates = embedded.at(600 * period)
+    assert np.abs(rates).max() > 0.5
+    assert np.abs(body.configuration[7:][j] - wanted).max() < 1e-3
+
+
+def test_joint_limits_bind_while_walking():
+    """A knee that may not bend further stops there, and the record says so."""
+    robot = paper()
+    knee = robot.joints.index("l_knee_pitch")
+    upper = robot.upper.copy()
+    upper[knee] = robot.home[7 + knee] + 0.05
+    tight = dataclasses.replace(robot, upper=upper)
+    run = simulate(tight, pattern_of(2))
+    assert run.log["limited"].max() >= 1
+    assert run.log["loss"].max() > 0
+    assert run.summary()["joint_limits_met_pct"] > 0
+    assert run.log["joints"][:, knee].max() < upper[knee] + 0.02
+
+
+def test_sole_margin_agrees_with_the_contacts(walk20):
+    """Each stance foot's pressure, by its ankle sensor and by the ground force."""
+    log = walk20.log
+    margins = sole_margins(log, paper())
+    single = (log["phase"] == Phase.SINGLE_LEFT) | (log["phase"] == Phase.SINGLE_RIGHT)
+    side = np.where(log["phase"] == Phase.SINGLE_LEFT, 0, 1)
+    feet = log["feet_ref"][np.arange(len(log)), side, :2]
+    inside = np.array([0.12, 0.065]) - np.abs(log["zmp_true"] - feet)
+    true = inside.min(axis=1)
+    swing_load = log["loads_true"][np.arange(len(log)), 1 - side]
+    alone = single & (swing_load < 1.0)
+    order = np.concatenate([np.flatnonzero(log["phase"] == p) for p in (3, 4)])
+    assert len(order) == len(margins)
+    assert np.abs(margins - true[order])[alone[order]].max() < 5e-3
+
+
+def test_zmp_averages_to_the_com_over_whole_steps(walk20):
+    """Nothing accelerates on average, so neither may the pressure be biased."""
+    log = walk20.log
+    whole = (log["t"] >= 4.7) & (log["t"] < 14.7)
+    for com, zmp in (("com_true", "zmp_true"), ("com", "zmp")):
+        bias = (log[com][whole, :2] - log[zmp][whole]).mean(axis=0)
+        assert np.abs(bias).max() < 1e-3
+
+
+def test_wrong_kinds_say_what_to_call():
+    with pytest.raises(ParameterError, match=r"make_pattern\(plan"):
+        simulate(paper(), plan_steps(Gait(), 1))
+    with pytest.raises(ParameterError, match="load_robot"):
+        simulate("paper", pattern_of(1))
+    with pytest.raises(ParameterError, match="embed_in"):
+        simulate(paper(), pattern_of(1), motion=builtin_motion("paper"))

@@ -135,9 +135,10 @@ def walk(
         for tick in range(math.ceil(pattern.duration / plant.period)):
             begin = time.perf_counter()
             reference = pattern.at(tick * plant.period)
+            if (outcome := guard.check_sensors(reference, sensors)) is not None:
+                break
             measured = body.measure(sensors, reference)
-            outcome = guard.check(reference, sensors, measured)
-            if outcome is not None:
+            if (outcome := guard.check(reference, measured)) is not None:
                 break
             control = controller.step(reference, measured.com, measured.zmp)
             command = body.act(control, reference)
@@ -192,11 +193,8 @@ class _Guard:
         self._heaviest = 0.0
         self._lightened: float | None = None
 
-    def check(
-        self, reference: Reference, sensors: Sensors, measured: Measurement
-    ) -> Outcome | None:
-        """Return the outcome that ends the run now, if any."""
-        watch, t = self.watch, reference.time
+    def check_sensors(self, reference: Reference, sensors: Sensors) -> Outcome | None:
+        """Return the outcome of sensors that read no numbers."""
         for name, value in (
             ("encoders", sensors.positions),
             ("ankle sensors", sensors.wrenches),
@@ -204,6 +202,11 @@ class _Guard:
         ):
             if not np.isfinite(value).all():
                 return _end(End.ABORTED, reference, f"the {name} read no numbers")
+        return None
+
+    def check(self, reference: Reference, measured: Measurement) -> Outcome | None:
+        """Return the outcome that ends the run now, if any: a fall."""
+        watch, t = self.watch, reference.time
         if measured.tilt > watch.tilt:
             tilt = math.degrees(measured.tilt)
             return _end(End.FELL, reference, f"the trunk tilted by {tilt:.0f} deg")

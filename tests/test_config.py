@@ -331,7 +331,9 @@ def test_limits_are_the_robots():
         ({"gains": {"zmp": (7.0, 7.0)}}, ParameterError),
         ({"gait": {"half_step": 0.2}}, PlanError),
         ({"pendulum": {"height": 0.9}}, PlanError),
-        ({"plan": "missing.toml"}, PlanError),
+        ({"plan": "missing.toml", "steps": 20}, PlanError),
+        ({"plan": "missing.toml"}, ParameterError),
+        ({"motion_amplitude": 0.5}, ParameterError),
         ({"motion": "papr"}, MotionError),
     ],
 )

@@ -9,11 +9,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comwalk import control, stability
+from comwalk import control, sampled, stability
 from comwalk.control import PAPER_GAINS, ControlOutput, ControlSettings, Gains
 from comwalk.errors import ParameterError
 from comwalk.pendulum import Pendulum
-from comwalk.stability import SampledLoop
+from comwalk.sampled import SampledLoop
 
 PAPER = Pendulum()
 DT = 0.002
@@ -338,7 +338,7 @@ def test_paper_gains_pass_at_the_defaults():
 @pytest.mark.parametrize("period", [0.001, 0.002, 0.004])
 def test_paper_gains_pass_on_other_robots(height, period):
     loop = SampledLoop(period=period)
-    limit = stability.highest_cutoff(Pendulum(height=height), 3.0, 6.6, loop)
+    limit = sampled.highest_cutoff(Pendulum(height=height), 3.0, 6.6, loop)
     if limit > loop.zmp_cutoff:
         control.check_gains(PAPER_GAINS, Pendulum(height=height), loop)
     else:
@@ -373,7 +373,7 @@ def test_check_names_a_cutoff_that_works():
         control.check_gains(PAPER_GAINS, PAPER, loop)
     words = str(caught.value).split("zmp_cutoff to ")[1]
     advised = float(words.split()[0])
-    limit = stability.highest_cutoff(PAPER, 3.0, 6.6, loop)
+    limit = sampled.highest_cutoff(PAPER, 3.0, 6.6, loop)
     assert advised == pytest.approx(0.5 * limit, rel=0.06)
     control.check_gains(PAPER_GAINS, PAPER, replace(loop, zmp_cutoff=advised))
 

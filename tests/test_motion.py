@@ -10,22 +10,20 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
+from comwalk.dances import BUILTIN_MOTIONS, builtin_motion
 from comwalk.errors import MotionError, ParameterError
 from comwalk.motion import (
-    BUILTIN_MOTIONS,
     EmbeddedMotion,
     JointLimit,
     Motion,
-    builtin_motion,
     embed_in,
-    load_motion,
     prepare_motion,
     renamed,
     resampled,
-    save_motion,
     scaled,
     select,
 )
+from comwalk.motion_files import load_motion, save_motion
 
 ARMS = ("l_shoulder_pitch", "l_elbow_pitch", "head_yaw")
 

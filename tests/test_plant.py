@@ -9,7 +9,7 @@ import pytest
 import scipy.integrate
 
 from comwalk import plant as module
-from comwalk import stability
+from comwalk import sampled, stability
 from comwalk.control import ControlSettings, Gains, WalkingController
 from comwalk.errors import ComwalkError, ParameterError
 from comwalk.pendulum import Pendulum
@@ -122,10 +122,10 @@ def test_loop_decays_as_the_matrix_says(cutoff, period):
     """Eqs. (30), (31): the controller on the plant is the sampled loop's matrix."""
     robot = PendulumPlant(PAPER, period=period)
     errors = closed_loop(robot, Gains(), 60, (0.01, 0.0), zmp_cutoff=cutoff)
-    loop = stability.SampledLoop(period=period, zmp_cutoff=cutoff, delay=0)
-    M = stability.sampled_loop_matrix(PAPER, 3.0, 6.6, loop)
+    loop = sampled.SampledLoop(period=period, zmp_cutoff=cutoff, delay=0)
+    M = sampled.sampled_loop_matrix(PAPER, 3.0, 6.6, loop)
     # The controller filters the first reading once from 0; the matrix starts after.
-    alpha = stability.low_pass_coefficient(cutoff, period)
+    alpha = sampled.low_pass_coefficient(cutoff, period)
     z = np.array([0.01, 0.0, alpha * 0.01])
     expected = []
     for _ in range(60):

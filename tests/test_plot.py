@@ -11,9 +11,10 @@ from matplotlib.colors import to_rgba
 from matplotlib.text import Text
 from PIL import Image
 
+from comwalk.dances import builtin_motion
 from comwalk.errors import ComwalkError, RunError
 from comwalk.footsteps import Foothold, FootstepPlan, Gait, plan_steps
-from comwalk.motion import builtin_motion, embed_in
+from comwalk.motion import embed_in
 from comwalk.pattern import Phase, coefficients, make_pattern, transfer_zmp
 from comwalk.pendulum import Pendulum
 from comwalk.plot import Row, plot_arms, plot_dance, plot_pattern, plot_run

@@ -11,9 +11,10 @@ import pytest
 from robots import paper
 
 from comwalk.control import ControlOutput, Gains, WalkingController
+from comwalk.dances import builtin_motion
 from comwalk.errors import ModelError, ParameterError, PlanError, RunError
 from comwalk.footsteps import Foothold, FootstepPlan, Gait, plan_steps
-from comwalk.motion import builtin_motion, embed_in, prepare_motion
+from comwalk.motion import embed_in, prepare_motion
 from comwalk.pattern import Phase, make_pattern
 from comwalk.pendulum import Pendulum
 from comwalk.plant import Sensors, random_bounded

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from .control import ControlSettings as ControlSettings
     from .control import Gains as Gains
+    from .dances import builtin_motion as builtin_motion
     from .errors import ComwalkError as ComwalkError
     from .footsteps import Foothold as Foothold
     from .footsteps import Footstep as Footstep
@@ -31,9 +32,8 @@ if TYPE_CHECKING:
     from .footsteps import Gait as Gait
     from .footsteps import load_plan as load_plan
     from .footsteps import plan_steps as plan_steps
-    from .motion import builtin_motion as builtin_motion
     from .motion import embed_in as embed_in
-    from .motion import load_motion as load_motion
+    from .motion_files import load_motion as load_motion
     from .pattern import Pattern as Pattern
     from .pattern import make_pattern as make_pattern
     from .pendulum import Pendulum as Pendulum
@@ -59,7 +59,9 @@ _PUBLIC = {
         "load_plan",
         "plan_steps",
     ),
-    "motion": ("builtin_motion", "embed_in", "load_motion"),
+    "dances": ("builtin_motion",),
+    "motion": ("embed_in",),
+    "motion_files": ("load_motion",),
     "pattern": ("Pattern", "make_pattern"),
     "pendulum": ("Pendulum",),
     "robot": ("Robot", "load_robot"),

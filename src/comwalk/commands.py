@@ -29,10 +29,12 @@ from .config import (
     make_config,
     table_of,
 )
+from .dances import BUILTIN_MOTIONS, builtin_motion
 from .errors import RunError
 from .flags import flags_of, given_flags, with_flags
 from .footsteps import plan_steps
-from .motion import BUILTIN_MOTIONS, Motion, builtin_motion, load_motion
+from .motion import Motion
+from .motion_files import load_motion
 from .pattern import coefficients, make_pattern, transfer_zmp
 
 if TYPE_CHECKING:

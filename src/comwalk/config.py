@@ -30,6 +30,7 @@ from typing import (
 )
 
 from .control import ControlSettings, Gains
+from .dances import builtin_motion
 from .errors import ComwalkError, MotionError, ParameterError, checked_number, nearest
 from .footsteps import (
     PAPER_SOLE,
@@ -40,16 +41,8 @@ from .footsteps import (
     load_plan,
     plan_steps,
 )
-from .motion import (
-    EmbeddedMotion,
-    Motion,
-    builtin_motion,
-    embed_in,
-    load_motion,
-    prepare_motion,
-    renamed,
-    scaled,
-)
+from .motion import EmbeddedMotion, Motion, embed_in, prepare_motion, renamed, scaled
+from .motion_files import load_motion
 from .pattern import Pattern, make_pattern
 from .pendulum import Pendulum
 from .plant import Disturbance, no_disturbance, random_bounded

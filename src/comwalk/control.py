@@ -24,13 +24,8 @@ import numpy as np
 
 from .errors import ParameterError, checked_number
 from .pendulum import Pendulum
-from .stability import (
-    SampledLoop,
-    Value,
-    highest_cutoff,
-    low_pass_coefficient,
-    spectral_radius,
-)
+from .sampled import SampledLoop, highest_cutoff, low_pass_coefficient, spectral_radius
+from .stability import Value
 
 Pair = tuple[float, float]
 

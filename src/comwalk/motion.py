@@ -8,25 +8,16 @@ class C2. `embed_in` blends it in and out of the robot's home posture,
 with a minimum-jerk weight w, so that angles and rates are continuous and the legs,
 which carry the CoM of Eqs. (25)-(27), never see a jump of the embedded motion.
 
-Motions come from `builtin_motion` (a table of dances) or from `load_motion` (CSV and
-NPZ files). `prepare_motion` checks one against a robot before anything moves.
-
-Signs of the built-in dances: pitch turns about +y, roll about +x, yaw about +z, on both
-sides. Raising a hanging arm forward and bending the elbow are therefore *negative*
-pitch; raising an arm sideways is +roll on the left and -roll on the right.
+Motions come from `dances` or from `motion_files`. `prepare_motion` checks one against a
+robot before anything moves.
 """
 
 from __future__ import annotations
 
-import csv
 import math
-import pickle
-import zipfile
-import zlib
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -43,8 +34,6 @@ _SEAM = 1e-6
 """Largest mismatch between the ends of a looping motion [rad]."""
 _TOLERANCE = 1e-9
 """Relative slack of the limit checks."""
-_SAMPLES_PER_CYCLE = 64
-"""Samples per cycle of a dance: spline error below 1e-6 of the amplitude."""
 
 
 # ---- The recording ----------------------------------------------------------------
@@ -172,8 +161,19 @@ def _checked_joints(name: str, joints: Iterable[str]) -> tuple[str, ...]:
     return names
 
 
-def _numbers(what: str, values: object) -> np.ndarray:
-    """Return an array of floats, or say that these are not numbers."""
+def as_numbers(what: str, values: object) -> np.ndarray:
+    """Return an array of floats, or say that these are not numbers.
+
+    Args:
+        what: What they are called.
+        values: Numbers in any shape.
+
+    Returns:
+        The same as floats.
+
+    Raises:
+        MotionError: If they are not numbers.
+    """
     try:
         array = np.asarray(values)
         if array.dtype.kind not in "fiu":
@@ -185,7 +185,7 @@ def _numbers(what: str, values: object) -> np.ndarray:
 
 def _checked_times(name: str, values: object) -> np.ndarray:
     """Return sample times that rise strictly from 0."""
-    times = _numbers(f'motion "{name}": times', values)
+    times = as_numbers(f'motion "{name}": times', values)
     if times.ndim != 1 or times.size < 2:
         raise MotionError(
             f'motion "{name}" must have at least 2 samples, times of shape (n,), '
@@ -217,7 +217,7 @@ def _checked_positions(
     name: str, values: object, times: np.ndarray, joints: tuple[str, ...]
 ) -> np.ndarray:
     """Return finite joint angles, one row a time and one column a joint."""
-    positions = _numbers(f'motion "{name}": positions', values)
+    positions = as_numbers(f'motion "{name}": positions', values)
     if positions.shape != (times.size, len(joints)):
         raise MotionError(
             f'motion "{name}": positions must have shape (samples, joints) = '
@@ -304,7 +304,7 @@ class EmbeddedMotion:
                 f"blend in and out over {self.blend:.6g} s each; blend over at most "
                 f"{_rounded_down(span / 2.0)} s, or stop later"
             )
-        home = _numbers(f'motion "{self.motion.name}": home', self.home)
+        home = as_numbers(f'motion "{self.motion.name}": home', self.home)
         if home.shape != (len(self.motion.joints),) or not np.isfinite(home).all():
             raise MotionError(
                 f'motion "{self.motion.name}": home must be '
@@ -693,13 +693,23 @@ def scaled(
     """
     amplitude = checked_number("amplitude", amplitude, low=0.0, high=100.0)
     speed = checked_number("speed", speed, low=1e-3, high=1e3)
-    center = _posture(motion.joints, about)
+    center = posture_angles(motion.joints, about)
     positions = center + amplitude * (motion.positions - center)
     return replace(motion, times=motion.times / speed, positions=positions)
 
 
-def _posture(joints: Sequence[str], angles: Mapping[str, float] | None) -> np.ndarray:
-    """Return the angles of the joints, zero where none is given."""
+def posture_angles(
+    joints: Sequence[str], angles: Mapping[str, float] | None
+) -> np.ndarray:
+    """Return the angles of the joints, zero where none is given.
+
+    Args:
+        joints: Names of m joints.
+        angles: Angles [rad] by joint; None for all zero.
+
+    Returns:
+        Angles [rad], of shape (m,).
+    """
     table = angles or {}
     named = [(joint, table.get(joint, 0.0)) for joint in joints]
     return np.array(
@@ -727,462 +737,3 @@ def resampled(motion: Motion, rate: float) -> Motion:
     times = np.linspace(0.0, motion.duration, n)
     positions = np.array([motion.at(t)[0] for t in times.tolist()])
     return replace(motion, times=times, positions=positions)
-
-
-# ---- Built-in dances --------------------------------------------------------------
-
-_Waves = dict[str, np.ndarray | float]
-"""Angles for an amplitude of 1 rad, by role; numbers are constant."""
-
-
-def _paper(phase: np.ndarray) -> _Waves:
-    u = 0.5 * (1.0 - np.cos(phase))
-    return _arm("l", pitch=-u, roll=u, elbow=-u) | _arm(
-        "r", pitch=-u, roll=-u, elbow=-u
-    )
-
-
-def _counter(phase: np.ndarray) -> _Waves:
-    u = 0.5 * (1.0 - np.cos(phase))
-    v = 1.0 - u
-    return _arm("l", pitch=-u, roll=u, elbow=-u) | _arm(
-        "r", pitch=-v, roll=-v, elbow=-v
-    )
-
-
-def _wave(phase: np.ndarray) -> _Waves:
-    arm = _arm("r", roll=-1.0, yaw=-0.5, elbow=-0.6 - 0.4 * np.sin(phase))
-    return arm | {"head_yaw": -0.3}
-
-
-def _swing(phase: np.ndarray) -> _Waves:
-    s = np.sin(phase)
-    return {
-        **_arm("l", pitch=s, elbow=-0.25 * (1.0 - s)),
-        **_arm("r", pitch=-s, elbow=-0.25 * (1.0 + s)),
-        "waist_yaw": 0.15 * s,
-    }
-
-
-def _disco(phase: np.ndarray) -> _Waves:
-    u = 0.5 * (1.0 - np.cos(phase))
-    v, s = 1.0 - u, np.sin(phase)
-    return {
-        **_arm("l", pitch=-u, roll=0.6 * u, elbow=-0.8 * v),
-        **_arm("r", pitch=-v, roll=-0.6 * v, elbow=-0.8 * u),
-        "waist_yaw": 0.3 * s,
-        "head_yaw": -0.3 * s,
-        "head_pitch": 0.15 * (1.0 - np.cos(2.0 * phase)),
-    }
-
-
-def _conduct(phase: np.ndarray) -> _Waves:
-    s, beat = np.sin(phase), np.cos(2.0 * phase)
-    pitch, elbow = -0.4 - 0.1 * beat, -0.8 - 0.2 * beat
-    return {
-        **_arm("l", pitch=pitch, yaw=0.4 * s, elbow=elbow),
-        **_arm("r", pitch=pitch, yaw=-0.4 * s, elbow=elbow),
-        "head_yaw": 0.2 * s,
-    }
-
-
-def _bow(phase: np.ndarray) -> _Waves:
-    u = 0.5 * (1.0 - np.cos(phase))
-    arms = _arm("l", pitch=0.3 * u) | _arm("r", pitch=0.3 * u)
-    return arms | {"waist_pitch": u, "head_pitch": 0.3 * u}
-
-
-def _arm(side: str, **angles: np.ndarray | float) -> _Waves:
-    """Return the angles of one arm under the names of its roles."""
-    roles = {
-        "pitch": "shoulder_pitch",
-        "roll": "shoulder_roll",
-        "yaw": "shoulder_yaw",
-        "elbow": "elbow_pitch",
-    }
-    return {f"{side}_{roles[name]}": angle for name, angle in angles.items()}
-
-
-_DANCES: dict[str, tuple[Callable[[np.ndarray], _Waves], str]] = {
-    "paper": (
-        _paper,
-        "both arms rise and fall together (Fig. 5): shoulder pitch and roll, elbow",
-    ),
-    "counter": (
-        _counter,
-        "the arms rise and fall in turn: shoulder pitch and roll, elbow",
-    ),
-    "wave": (
-        _wave,
-        "the raised right arm waves: right shoulder roll and yaw, elbow; head yaw",
-    ),
-    "swing": (
-        _swing,
-        "natural arm swing, one cycle for two steps: shoulder pitch, elbow; waist yaw",
-    ),
-    "disco": (
-        _disco,
-        "arms thrust in turn, waist and head sway: shoulder pitch and roll, elbow; "
-        "waist yaw; head yaw and pitch",
-    ),
-    "conduct": (
-        _conduct,
-        "both hands beat time in front: shoulder pitch and yaw, elbow; head yaw",
-    ),
-    "bow": (
-        _bow,
-        "bow from the waist: waist pitch, head pitch; shoulder pitch",
-    ),
-}
-
-BUILTIN_MOTIONS: dict[str, str] = {name: text for name, (_, text) in _DANCES.items()}
-"""What each built-in dance does and which joints it moves, by name."""
-
-
-def builtin_motion(
-    name: str,
-    *,
-    amplitude: float = 0.5,
-    frequency: float = 0.5,
-    home: Mapping[str, float] | None = None,
-) -> Motion:
-    """Return a built-in dance, which loops (section VI, Fig. 5).
-
-    Its joints are roles such as `l_shoulder_pitch`; `renamed` puts the joint names of
-    a robot in their place, `select` takes out those that it lacks.
-
-    Args:
-        name: One of `BUILTIN_MOTIONS`.
-        amplitude: Largest angle that any joint moves away from `home` [rad], in
-            (0, 2.5].
-        frequency: Cycles per second [Hz], in (0, 3].
-        home: Angles around which the dance is built [rad]; 0 where none is given.
-
-    Returns:
-        The motion, one cycle long.
-
-    Raises:
-        MotionError: If there is no such dance.
-        ParameterError: If amplitude or frequency is out of range.
-
-    Example:
-        >>> builtin_motion("paper", amplitude=0.5, frequency=0.5).duration
-        2.0
-    """
-    if name not in _DANCES:
-        raise MotionError(f'no built-in motion "{name}"; {nearest(name, _DANCES)}')
-    a = checked_number(
-        "amplitude", amplitude, unit="rad", low=0.0, high=2.5, open_low=True
-    )
-    f = checked_number(
-        "frequency", frequency, unit="Hz", low=0.0, high=3.0, open_low=True
-    )
-    phase = np.linspace(0.0, 2.0 * math.pi, _SAMPLES_PER_CYCLE + 1)
-    waves = _DANCES[name][0](phase)
-    joints = tuple(waves)
-    columns = [a * np.broadcast_to(waves[joint], phase.shape) for joint in joints]
-    positions = _posture(joints, home) + np.column_stack(columns)
-    times = phase / (2.0 * math.pi * f)
-    return Motion(
-        name=name, joints=joints, times=times, positions=positions, loops=True
-    )
-
-
-# ---- Files ------------------------------------------------------------------------
-
-
-def load_motion(
-    path: str | Path,
-    *,
-    robot_joints: Sequence[str] | None = None,
-    loops: bool | None = None,
-) -> Motion:
-    """Load a motion from a CSV or NPZ file.
-
-    * **CSV**: a header `time,<joint>,...`, then one line a sample; seconds and radians.
-      Lines that start with `#` are comments; of these `# name: ...`, `# loops: true`
-      and `# whole_body: true` are understood.
-    * **NPZ** of comwalk: `time` (n,), `joint_names` or `joints` (m,), `positions`
-      (n, m) in radians; optional `name`, `loops`, `whole_body`.
-    * **NPZ whole-body clip** of motion tracking tools (mjlab, whole_body_tracking of
-      BeyondMimic): `fps`, `joint_pos` (n, J) in radians, optional `joint_names` (J,);
-      other arrays are ignored. If `joint_names` has J - 7 names, the first 7 columns
-      are the pose of the base and are left out.
-
-    Note: Clips of mjlab hold the joints in the order of the MuJoCo model. Those of
-    whole_body_tracking hold them in the order of Isaac Lab, breadth first, which is
-    another one; neither tool writes the names. Pass the order of the tool that wrote
-    the file as `robot_joints`.
-
-    Args:
-        path: The file; its ending, .csv or .npz, gives the format.
-        robot_joints: Names of all joints of the robot without the base, in the order
-            of the clip's columns; needed for clips without names.
-        loops: Whether the motion repeats; None for what the file says, or else once.
-
-    Returns:
-        The motion with all its joints. Times are shifted so that they start at 0.
-
-    Raises:
-        MotionError: If the file is missing, empty, unreadable or not such a motion.
-    """
-    file = Path(path)
-    readers = {".csv": _read_csv, ".npz": _read_npz}
-    reader = readers.get(file.suffix.lower())
-    if reader is None:
-        raise MotionError(
-            f'cannot load motion "{file}": its name must end in .csv or .npz'
-        )
-    try:
-        fields: dict[str, Any] = {"name": file.stem.strip()}
-        fields |= reader(file, robot_joints)
-        fields["times"] = _from_zero(fields["times"])
-        if loops is not None:
-            fields["loops"] = loops
-        return Motion(**fields)
-    except FileNotFoundError:
-        raise MotionError(f'cannot load motion "{file}": no such file') from None
-    except OSError as error:
-        reason = error.strerror or "not readable"
-        raise MotionError(f'cannot load motion "{file}": {reason}') from None
-    except MotionError as error:
-        raise MotionError(f'cannot load motion "{file}": {error}') from None
-
-
-def _from_zero(times: np.ndarray) -> np.ndarray:
-    """Return times counted from the first one, which must not be negative."""
-    if times.ndim != 1 or not times.size or not math.isfinite(times[0]):
-        return times
-    if times[0] < 0.0:
-        raise MotionError(
-            f"times must not be negative, the first is {times[0]:.6g} s; "
-            "count them from the start of the motion"
-        )
-    return times - times[0]
-
-
-def _read_csv(file: Path, robot_joints: Sequence[str] | None) -> dict[str, Any]:
-    """Return the fields of a motion from a CSV file."""
-    with file.open(encoding="utf-8-sig", newline="") as stream:
-        try:
-            lines = stream.read().splitlines()
-        except UnicodeDecodeError:
-            raise MotionError("it is not a text file") from None
-    fields: dict[str, Any] = {}
-    rows: list[tuple[int, list[str]]] = []
-    for number, line in enumerate(lines, start=1):
-        if line.lstrip().startswith("#"):
-            fields.update(_comment_field(line))
-        elif line.strip(" \t,"):
-            rows.append((number, _cells(number, line)))
-    if not rows:
-        raise MotionError("it is empty; the first line must be time,<joint>,...")
-    header = _csv_header(rows[0][1])
-    values = np.array([_csv_row(header, *row) for row in rows[1:]])
-    values = values.reshape(-1, len(header))
-    data = {"joints": tuple(header[1:]), "times": values[:, 0]}
-    return {**fields, **data, "positions": values[:, 1:]}
-
-
-def _cells(number: int, line: str) -> list[str]:
-    """Return the cells of a line of a CSV file."""
-    try:
-        return [cell.strip() for cell in next(csv.reader([line]))]
-    except csv.Error as error:
-        raise MotionError(f"line {number}: {error}") from None
-
-
-def _comment_field(line: str) -> dict[str, Any]:
-    """Return the field that a comment of a CSV file sets, if any."""
-    key, colon, value = line.lstrip(" \t#").partition(":")
-    key, value = key.strip(), value.strip()
-    if key == "name" and colon and value:
-        return {"name": value}
-    if key in ("loops", "whole_body") and value in ("true", "false"):
-        return {key: value == "true"}
-    return {}
-
-
-def _csv_header(cells: list[str]) -> list[str]:
-    """Return the header of a CSV file: time, then at least one joint."""
-    if cells[0] == "time" and len(cells) > 1:
-        return cells
-    raise MotionError(
-        "its first line must be time,<joint>,... with the names of the joints, "
-        f'it starts with "{",".join(cells)[:40]}"'
-    )
-
-
-def _csv_row(header: list[str], number: int, cells: list[str]) -> list[float]:
-    """Return the numbers of one line of a CSV file."""
-    if len(cells) != len(header):
-        raise MotionError(
-            f"line {number} has {len(cells)} columns, the header has {len(header)}"
-        )
-    values = []
-    for column, cell in zip(header, cells, strict=True):
-        try:
-            values.append(float(cell))
-        except ValueError:
-            raise MotionError(
-                f'line {number}, column "{column}": "{cell[:40]}" is not a number'
-            ) from None
-    return values
-
-
-def _read_npz(file: Path, robot_joints: Sequence[str] | None) -> dict[str, Any]:
-    """Return the fields of a motion from an NPZ file of either kind."""
-    data = _npz_arrays(file)
-    if "joint_pos" in data:
-        return _clip_fields(data, robot_joints)
-    names = "joint_names" if "joint_names" in data else "joints"
-    missing = [key for key in ("time", names, "positions") if key not in data]
-    if missing:
-        raise MotionError(
-            "it must hold time, joint_names and positions, or fps and joint_pos; "
-            f"it holds {', '.join(sorted(data)) or 'nothing'}"
-        )
-    fields: dict[str, Any] = {
-        "joints": _names(data[names]),
-        "times": _numbers("time", data["time"]),
-        "positions": data["positions"],
-    }
-    for key, kind in (("name", "U"), ("loops", "b"), ("whole_body", "b")):
-        if key in data and data[key].dtype.kind == kind and data[key].size == 1:
-            fields[key] = data[key].item()
-    return fields
-
-
-_NPZ_KEYS = (
-    *("time", "joint_names", "joints", "positions", "name", "loops", "whole_body"),
-    *("fps", "joint_pos"),
-)
-"""Arrays that are read from an NPZ file; all others are only listed."""
-
-
-def _npz_arrays(file: Path) -> dict[str, np.ndarray]:
-    """Return the arrays of an NPZ file, without ever unpickling an object."""
-    with file.open("rb") as stream:
-        key = ""
-        try:
-            with np.load(stream, allow_pickle=False) as archive:
-                arrays = dict.fromkeys(archive.files, np.empty(0))
-                for key in (k for k in _NPZ_KEYS if k in arrays):
-                    arrays[key] = np.asarray(archive[key])
-        except (
-            *(ValueError, EOFError, TypeError, AttributeError, NotImplementedError),
-            *(
-                MemoryError,
-                RuntimeError,
-                zipfile.BadZipFile,
-                zlib.error,
-                pickle.UnpicklingError,
-            ),
-        ):
-            fault = f'array "{key}" is damaged or holds Python objects'
-            raise MotionError(
-                f"{fault if key else 'it is not an NPZ file'}; "
-                "write plain arrays of numbers and text with numpy.savez"
-            ) from None
-    return arrays
-
-
-def _names(array: np.ndarray) -> tuple[str, ...]:
-    """Return joint names from an array of strings."""
-    if array.dtype.kind == "S":
-        array = np.char.decode(array, "utf-8", "replace")
-    if array.dtype.kind != "U" or array.ndim != 1:
-        raise MotionError("joint_names must be an array of strings of shape (joints,)")
-    return tuple(str(name) for name in array)
-
-
-def _clip_fields(
-    data: dict[str, np.ndarray], robot_joints: Sequence[str] | None
-) -> dict[str, Any]:
-    """Return the fields of a motion from a whole-body clip."""
-    positions = _numbers("joint_pos", data["joint_pos"])
-    if positions.ndim != 2:
-        raise MotionError(
-            f"joint_pos must have shape (frames, joints), got {positions.shape}"
-        )
-    if "joint_names" in data:
-        joints = _names(data["joint_names"])
-        if positions.shape[1] == len(joints) + 7:
-            positions = positions[:, 7:]
-    elif robot_joints is not None:
-        joints = tuple(robot_joints)
-    else:
-        raise MotionError(
-            f"this clip has {positions.shape[1]} joints and no joint_names; "
-            "give the names of the robot's joints in the order of its columns"
-        )
-    if positions.shape[1] != len(joints):
-        source = "its joint_names" if "joint_names" in data else "the robot"
-        raise MotionError(
-            f"joint_pos has {positions.shape[1]} joints, {source} has {len(joints)}; "
-            "the clip must be made for this robot"
-        )
-    times = np.arange(positions.shape[0]) / _frame_rate(data)
-    data_fields = {"joints": joints, "times": times, "positions": positions}
-    return {**data_fields, "whole_body": True}
-
-
-def _frame_rate(data: dict[str, np.ndarray]) -> float:
-    """Return the frames per second of a clip."""
-    if "fps" not in data:
-        raise MotionError("joint_pos without fps; add fps, the frames per second")
-    rates = _numbers("fps", data["fps"]).reshape(-1)
-    if rates.size != 1 or not 0.0 < rates[0] <= 1e4:
-        got = f"{rates[0]:.6g}" if rates.size == 1 else f"{rates.size} numbers"
-        raise MotionError(f"fps must be one number in (0, 10000] Hz, got {got}")
-    return float(rates[0])
-
-
-def save_motion(motion: Motion, path: str | Path) -> None:
-    """Save a motion to a CSV or NPZ file, which `load_motion` reads back exactly.
-
-    Args:
-        motion: The motion; what was `dropped` from it is not saved.
-        path: The file; its ending, .csv or .npz, gives the format. It is replaced.
-
-    Raises:
-        MotionError: If the ending is another one or the file cannot be written.
-    """
-    file = Path(path)
-    writers = {".csv": _write_csv, ".npz": _write_npz}
-    writer = writers.get(file.suffix.lower())
-    if writer is None:
-        raise MotionError(
-            f'cannot save motion "{file}": its name must end in .csv or .npz'
-        )
-    try:
-        writer(motion, file)
-    except OSError as error:
-        reason = error.strerror or "not writable"
-        raise MotionError(f'cannot save motion "{file}": {reason}') from None
-
-
-def _write_csv(motion: Motion, file: Path) -> None:
-    """Write a CSV file with every digit that matters."""
-    with file.open("w", encoding="utf-8", newline="") as stream:
-        stream.write(f"# name: {motion.name}\n")
-        for key in ("loops", "whole_body"):
-            stream.write(f"# {key}: {str(getattr(motion, key)).lower()}\n")
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow(["time", *motion.joints])
-        rows = np.column_stack((motion.times, motion.positions)).tolist()
-        writer.writerows([repr(x) for x in row] for row in rows)
-
-
-def _write_npz(motion: Motion, file: Path) -> None:
-    """Write an NPZ file of comwalk."""
-    with file.open("wb") as stream:
-        np.savez(
-            stream,
-            time=motion.times,
-            joint_names=np.array(motion.joints),
-            positions=motion.positions,
-            name=np.array(motion.name),
-            loops=np.array(motion.loops),
-            whole_body=np.array(motion.whole_body),
-        )

@@ -24,7 +24,7 @@ import numpy as np
 
 from .errors import ComwalkError, ParameterError, checked_number
 from .pendulum import Pendulum, zmp_of_motion
-from .stability import servo_response
+from .sampled import servo_response
 
 Disturbance: TypeAlias = Callable[[float], tuple[np.ndarray, np.ndarray]]
 """From the time [s] to eps (2,) [m/s] and its rate (2,) [m/s^2]; x and y, world."""

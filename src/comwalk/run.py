@@ -177,11 +177,7 @@ def simulate(
     _check_kinds(robot, pattern, motion)
     control.check(pattern)
     _check_pushes(pattern, physics)
-    if not math.isclose(pattern.pendulum.gravity, robot.gravity, rel_tol=1e-3):
-        raise ParameterError(
-            f"pendulum.gravity is {pattern.pendulum.gravity:g} m/s^2, and that of the "
-            f"robot's model {robot.gravity:g}; make them equal"
-        )
+    _check_gravity(robot, pattern)
     check_reach(robot, pattern)
     plant = SimulatedRobot(robot, control.period, physics, seed)
     body = WholeBody(robot, control.period, motion, control.body)
@@ -286,6 +282,16 @@ def _check_kinds(robot: object, pattern: object, motion: object) -> None:
                 f"simulate needs a {wanted.__name__}, got a {type(value).__name__}; "
                 + advice
             )
+
+
+def _check_gravity(robot: Robot, pattern: Pattern) -> None:
+    """Refuse a pattern made for another gravity than the model's."""
+    planned = pattern.pendulum.gravity
+    if not math.isclose(planned, robot.gravity, rel_tol=1e-3):
+        raise ParameterError(
+            f"pendulum.gravity is {planned:g} m/s^2, and that of the robot's model "
+            f"{robot.gravity:g}; make them equal"
+        )
 
 
 def _check_pushes(pattern: Pattern, physics: SimulatorSettings | None) -> None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from .control import ControlSettings, Gains, check_gains
 from .errors import ParameterError, checked_number
 from .pattern import Pattern
-from .stability import SampledLoop
+from .sampled import SampledLoop
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,6 +8,7 @@ import scipy.integrate
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from comwalk import sampled
 from comwalk import stability as s
 from comwalk.errors import ParameterError
 from comwalk.pendulum import Pendulum
@@ -409,9 +410,11 @@ CUTOFFS = {
 def test_highest_cutoff_table(lag):
     """Sampled Eq. (31): limits found elsewhere on a frequency grid 2 % wide."""
     for period, limits in zip((0.001, 0.002, 0.005, 0.010), CUTOFFS[lag], strict=True):
-        loop = s.SampledLoop(period=period, servo_lag=lag, delay=1, analog_filter=True)
+        loop = sampled.SampledLoop(
+            period=period, servo_lag=lag, delay=1, analog_filter=True
+        )
         for gains, limit in zip((X, Y), limits, strict=True):
-            highest = s.highest_cutoff(PAPER, *gains, loop)
+            highest = sampled.highest_cutoff(PAPER, *gains, loop)
             assert limit - 0.05 < highest < 1.02 * limit + 0.05
 
 
@@ -421,10 +424,10 @@ def test_highest_cutoff_table(lag):
 )
 def test_decay_of_the_sampled_loop(gains, cutoff, decay):
     """Sampled Eq. (31): decay rate at tau = 20 ms, dt = 5 ms, one tick of delay."""
-    loop = s.SampledLoop(
+    loop = sampled.SampledLoop(
         period=0.005, servo_lag=0.02, zmp_cutoff=cutoff, delay=1, analog_filter=True
     )
-    rate = -math.log(s.spectral_radius(PAPER, *gains, loop)) / loop.period
+    rate = -math.log(sampled.spectral_radius(PAPER, *gains, loop)) / loop.period
     assert rate == pytest.approx(decay, abs=0.006)
 
 
@@ -433,15 +436,15 @@ def test_raw_zmp_needs_a_slow_servo():
     for period in (0.001, 0.005, 0.010):
         for delay in (0, 1, 2):
             for lag in (0.005, 0.02, 0.1, 0.2, 0.25):
-                loop = s.SampledLoop(
+                loop = sampled.SampledLoop(
                     period=period, servo_lag=lag, zmp_cutoff=None, delay=delay
                 )
                 for gains in (X, Y):
-                    stable = s.spectral_radius(PAPER, *gains, loop) < 1.0
+                    stable = sampled.spectral_radius(PAPER, *gains, loop) < 1.0
                     assert stable == (lag > gains[0] / PAPER.omega**2), (loop, gains)
-    loop = s.SampledLoop(period=0.001, servo_lag=0.02, zmp_cutoff=None, delay=1)
-    assert s.spectral_radius(PAPER, *X, loop) == pytest.approx(3.2, abs=0.05)
-    assert s.spectral_radius(PAPER, *Y, loop) == pytest.approx(2.5, abs=0.05)
+    loop = sampled.SampledLoop(period=0.001, servo_lag=0.02, zmp_cutoff=None, delay=1)
+    assert sampled.spectral_radius(PAPER, *X, loop) == pytest.approx(3.2, abs=0.05)
+    assert sampled.spectral_radius(PAPER, *Y, loop) == pytest.approx(2.5, abs=0.05)
 
 
 def brute_force(gains, loop, ticks):
@@ -449,7 +452,7 @@ def brute_force(gains, loop, ticks):
     k_p, k_c = gains
     w2, tau, fine = PAPER.omega**2, loop.servo_lag, 40
     c, v, u, f = 0.01, 0.0, 0.0, 0.01
-    alpha = s.low_pass_coefficient(loop.zmp_cutoff, loop.period)
+    alpha = sampled.low_pass_coefficient(loop.zmp_cutoff, loop.period)
     seen, out = [(c, f)] * (loop.delay + 1), []
     h = loop.period / fine
     for _ in range(ticks):
@@ -470,8 +473,8 @@ def brute_force(gains, loop, ticks):
 @pytest.mark.parametrize("cutoff", [1.0, 5.0, 30.0, None])
 def test_matrix_against_a_time_simulation(period, delay, cutoff):
     """Sampled Eq. (31): powers of the matrix are the simulated loop."""
-    loop = s.SampledLoop(period=period, zmp_cutoff=cutoff, delay=delay)
-    M = s.sampled_loop_matrix(PAPER, *X, loop)
+    loop = sampled.SampledLoop(period=period, zmp_cutoff=cutoff, delay=delay)
+    M = sampled.sampled_loop_matrix(PAPER, *X, loop)
     assert M.shape == (3 + 2 * delay, 3 + 2 * delay)
     z = np.array([0.01, 0.0, 0.01] + [0.01, 0.01] * delay)
     ticks = 60
@@ -487,9 +490,9 @@ def test_matrix_against_a_time_simulation(period, delay, cutoff):
 @pytest.mark.parametrize("fraction", [0.9, 1.1])
 def test_highest_cutoff_separates_decay_from_growth(fraction):
     """Sampled Eq. (31): below the limit a simulation decays, above it grows."""
-    loop = s.SampledLoop(period=0.005, delay=1)
-    limit = s.highest_cutoff(PAPER, *X, loop)
-    loop = s.SampledLoop(period=0.005, delay=1, zmp_cutoff=fraction * limit)
+    loop = sampled.SampledLoop(period=0.005, delay=1)
+    limit = sampled.highest_cutoff(PAPER, *X, loop)
+    loop = sampled.SampledLoop(period=0.005, delay=1, zmp_cutoff=fraction * limit)
     c = np.abs(brute_force(X, loop, 800))
     grew = c[-100:].max() > c[300:400].max()
     assert grew == (fraction > 1.0)
@@ -498,8 +501,8 @@ def test_highest_cutoff_separates_decay_from_growth(fraction):
 def test_filters_at_sensor_rate_and_at_tick_rate_agree_for_short_periods():
     """Sampled Eq. (31): both filters tend to the same loop."""
     radii = [
-        s.spectral_radius(
-            PAPER, *X, s.SampledLoop(period=1e-4, delay=0, analog_filter=analog)
+        sampled.spectral_radius(
+            PAPER, *X, sampled.SampledLoop(period=1e-4, delay=0, analog_filter=analog)
         )
         for analog in (False, True)
     ]
@@ -509,22 +512,27 @@ def test_filters_at_sensor_rate_and_at_tick_rate_agree_for_short_periods():
 
 def test_highest_cutoff_at_its_ends():
     """Sampled Eq. (31): 0 where no filter helps, infinite where none is needed."""
-    loop = s.SampledLoop()
-    assert s.highest_cutoff(PAPER, 7.0, 6.6, loop) == 0.0
-    assert s.highest_cutoff(PAPER, 0.1, 6.6, s.SampledLoop(servo_lag=0.5)) == math.inf
+    loop = sampled.SampledLoop()
+    assert sampled.highest_cutoff(PAPER, 7.0, 6.6, loop) == 0.0
+    assert (
+        sampled.highest_cutoff(PAPER, 0.1, 6.6, sampled.SampledLoop(servo_lag=0.5))
+        == math.inf
+    )
 
 
 @pytest.mark.parametrize("cutoff", [None, math.inf])
 def test_no_filter_is_the_coefficient_one(cutoff):
-    assert s.low_pass_coefficient(cutoff, 0.002) == 1.0
+    assert sampled.low_pass_coefficient(cutoff, 0.002) == 1.0
 
 
 def test_low_pass_coefficient_is_the_exact_step_response():
     """dt long against the time constant, or short; ten steps are one of ten times."""
-    assert s.low_pass_coefficient(1.0, 1.0) == pytest.approx(1 - math.exp(-2 * math.pi))
-    assert s.low_pass_coefficient(1e-6, 1e-6) == pytest.approx(2e-12 * math.pi)
-    ten = 1 - (1 - s.low_pass_coefficient(5.0, 0.002)) ** 10
-    assert ten == pytest.approx(s.low_pass_coefficient(5, 0.02))
+    assert sampled.low_pass_coefficient(1.0, 1.0) == pytest.approx(
+        1 - math.exp(-2 * math.pi)
+    )
+    assert sampled.low_pass_coefficient(1e-6, 1e-6) == pytest.approx(2e-12 * math.pi)
+    ten = 1 - (1 - sampled.low_pass_coefficient(5.0, 0.002)) ** 10
+    assert ten == pytest.approx(sampled.low_pass_coefficient(5, 0.02))
 
 
 # --- Bad input ---------------------------------------------------------------------
@@ -543,25 +551,25 @@ def test_bad_numbers_are_refused(bad):
     with pytest.raises(ParameterError, match="a must be"):
         s.worst_case(PAPER, *X, bad, 0.5, "zmp")
     with pytest.raises(ParameterError, match="dt"):
-        s.low_pass_coefficient(5.0, bad)
+        sampled.low_pass_coefficient(5.0, bad)
     with pytest.raises(ParameterError, match="natural_frequency"):
         s.design_gains(PAPER, bad, 1.0)
     with pytest.raises(ParameterError, match="k_p"):
-        s.spectral_radius(PAPER, bad, 6.6, s.SampledLoop())
+        sampled.spectral_radius(PAPER, bad, 6.6, sampled.SampledLoop())
 
 
 @pytest.mark.parametrize("field", ["period", "servo_lag", "delay"])
 @pytest.mark.parametrize("bad", BAD)
 def test_bad_loop_is_refused(field, bad):
     with pytest.raises(ParameterError, match=field):
-        s.SampledLoop(**{field: bad})
+        sampled.SampledLoop(**{field: bad})
 
 
 def test_other_bad_input():
     with pytest.raises(ParameterError, match="whole ticks"):
-        s.SampledLoop(delay=1.5)  # ty: ignore[invalid-argument-type]
+        sampled.SampledLoop(delay=1.5)  # ty: ignore[invalid-argument-type]
     with pytest.raises(ParameterError, match="zmp_cutoff"):
-        s.SampledLoop(zmp_cutoff=0.0)
+        sampled.SampledLoop(zmp_cutoff=0.0)
     with pytest.raises(ParameterError, match="below k_c"):
         s.com_peak_gain(PAPER, 7.0, 6.6)
     with pytest.raises(ParameterError, match='"com" or "zmp"'):

@@ -394,6 +394,7 @@ def embed_in(
         ParameterError: If a time is not a number in its range.
 
     Example:
+        >>> from comwalk.dances import builtin_motion
         >>> dance = builtin_motion("paper", amplitude=0.5, frequency=0.5)
         >>> embedded = embed_in(dance, dict.fromkeys(dance.joints, 0.0), stop=6.0)
         >>> embedded.joints[2], round(float(embedded.at(3.0)[0][2]), 6)

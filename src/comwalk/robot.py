@@ -509,20 +509,30 @@ class Kinematics:
         ends, rotations = self.sites(self._ends)
         return Posture(self._xpos.copy(), R_o, self._com.copy(), ends, rotations, J)
 
-    def integrate(self, q: np.ndarray, velocity: np.ndarray, dt: float) -> np.ndarray:
+    def integrate(
+        self,
+        q: np.ndarray,
+        velocity: np.ndarray,
+        dt: float,
+        rotation: np.ndarray | None = None,
+    ) -> np.ndarray:
         """Return the configuration after a velocity for a time.
 
         Args:
             q: Configuration, of shape (7 + joints,).
             velocity: v = [xdot_o; qdot] [m/s, rad/s], world axes.
             dt: Duration [s].
+            rotation: R_o of the configuration, if it is known already, (3, 3).
 
         Returns:
             The new configuration, of shape (7 + joints,).
         """
-        local, result, R_o = velocity.copy(), q.copy(), np.empty(9)
-        mujoco.mju_quat2Mat(R_o, q[3:7])
-        local[3:6] = velocity[3:6] @ R_o.reshape(3, 3)
+        local, result = velocity.copy(), q.copy()
+        if rotation is None:
+            R_o = np.empty(9)
+            mujoco.mju_quat2Mat(R_o, q[3:7])
+            rotation = R_o.reshape(3, 3)
+        local[3:6] = velocity[3:6] @ rotation
         mujoco.mj_integratePos(self.robot.model, result, local, dt)
         return result
 

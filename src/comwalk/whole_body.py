@@ -285,7 +285,10 @@ class WholeBody:
         resolution = self._resolve(control, reference, self.settings.feedback)
         self.resolution = resolution
         self.configuration = self._commanded.integrate(
-            self.configuration, resolution.velocity, self.period
+            self.configuration,
+            resolution.velocity,
+            self.period,
+            resolution.posture.rotation,
         )
         return self._set_points(resolution, reference)
 

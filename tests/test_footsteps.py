@@ -277,11 +277,11 @@ def test_bad_footsteps_are_refused(given, text):
         ),
         (
             [step("right", 0.05, -0.03)],
-            "footstep 1 (right): soles come within -0.010 m",
+            "footstep 1 (right): soles meet: their gap is -0.010 m",
         ),
         (
             [step("left", -0.3, y) for y in (0.09, 0.0)] + [step("left", 0.3, 0.0)],
-            "footstep 3 (left): soles come within -0.040 m",
+            "footstep 3 (left): soles meet: their gap is -0.040 m",
         ),
     ],
 )
@@ -292,13 +292,14 @@ def test_steps_that_cannot_be_walked_are_named(steps, text):
 
 
 def test_turn_too_tight_is_refused_with_the_step():
-    with pytest.raises(PlanError, match=r"footstep 1 \(left\): soles come within"):
+    with pytest.raises(PlanError, match=r"footstep 1 \(left\): soles meet"):
         plan_steps(Gait(half_step=0.0, turn=0.6), 5)
 
 
 def test_narrow_gait_is_refused_at_the_start():
     with pytest.raises(
-        PlanError, match=r"the feet at the start: soles come within -0\.01"
+        PlanError,
+        match=r"the feet at the start: soles meet: their gap is -0\.01",
     ):
         plan_steps(Gait(half_width=0.06), 5)
     assert plan_steps(Gait(half_width=0.06), 5, sole_size=(0.2, 0.1)).count == 5

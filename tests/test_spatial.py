@@ -19,6 +19,7 @@ from comwalk.spatial import (
     shift,
     skew,
     yaw_of,
+    yaw_of_quaternion,
 )
 
 examples = settings(max_examples=60)
@@ -180,3 +181,12 @@ def test_yaw_of_a_tilted_frame_is_its_heading():
     """Pitch and roll do not change where the x axis points on the ground."""
     R = Rotation.from_euler("ZYX", [0.7, 0.4, -0.3]).as_matrix()
     assert yaw_of(R) == pytest.approx(0.7, abs=1e-12)
+
+
+@given(st.floats(-3.1, 3.1), st.floats(-1.0, 1.0), st.floats(-1.0, 1.0))
+def test_yaw_of_a_quaternion_is_that_of_its_matrix(yaw, pitch, roll):
+    rotation = Rotation.from_euler("ZYX", [yaw, pitch, roll])
+    x, y, z, w = rotation.as_quat()
+    ours = yaw_of_quaternion(np.array([w, x, y, z]))
+    assert ours == pytest.approx(yaw_of(rotation.as_matrix()), abs=1e-9)
+    assert ours == pytest.approx(yaw, abs=1e-9)

@@ -109,3 +109,15 @@ def nearest(name: str, known: Iterable[str]) -> str:
     if close:
         return f'did you mean "{close[0]}"?'
     return "known: " + (", ".join(words) if words else "none")
+
+
+def one_line(error: Exception) -> str:
+    """Return the text of another library's error on one line.
+
+    Args:
+        error: The error.
+
+    Returns:
+        Its text without line breaks, or the name of its kind if it has none.
+    """
+    return " ".join(str(error).split()) or type(error).__name__

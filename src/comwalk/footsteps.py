@@ -618,7 +618,7 @@ def _overlap_fault(gap: np.ndarray) -> _Fault:
     return (
         gap,
         gap <= 0.0,
-        "soles come within {:.3f} m, must stay above 0 m; step wider",
+        "soles meet: their gap is {:.3f} m and must stay above 0 m; step wider",
     )
 
 

@@ -13,7 +13,7 @@ import sys
 from importlib import import_module
 from typing import Any
 
-from .errors import ComwalkError
+from .errors import ComwalkError, one_line
 
 _LIBRARIES = {
     "egl": ("libEGL.so.1", "libEGL.so"),
@@ -72,7 +72,7 @@ def no_opengl(error: Exception) -> RenderError:
     Returns:
         The error, one line.
     """
-    cause = " ".join(str(error).split()) or type(error).__name__
+    cause = one_line(error)
     return RenderError(
         f"no OpenGL: {cause[:160]}; install libegl1 and libgl1-mesa-dri, or libosmesa6 "
         "(names of Debian); everything else still works"

@@ -24,6 +24,7 @@ from .gl import no_opengl, open_context
 from .pattern import Phase
 from .polygon import convex_hull
 from .run import Run, load_recording
+from .spatial import yaw_of_quaternion
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -330,7 +331,7 @@ def _film(recording: _Recording, view: View) -> Generator[Film]:
     model.vis.global_.offwidth, model.vis.global_.offheight = width, height
     data, camera = mujoco.MjData(model), mujoco.MjvCamera()
     tall = _height(model, data, recording.qpos[0])
-    azimuth = _heading(recording.qpos) + view.azimuth
+    azimuth = yaw_of_quaternion(recording.qpos[0, 3:7]) + view.azimuth
     camera.azimuth = math.degrees(azimuth) + 180.0
     camera.elevation = -math.degrees(view.elevation)
     camera.distance = view.distance * tall
@@ -419,12 +420,6 @@ def _height(model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray) -> flo
     mujoco.mj_kinematics(model, data)
     moving = model.geom_bodyid > 0
     return max(0.1, float(data.geom_xpos[moving, 2].max()) + 0.08)
-
-
-def _heading(qpos: np.ndarray) -> float:
-    """Return the yaw of the base at the start [rad]."""
-    w, x, y, z = qpos[0, 3:7].tolist()
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 _COLORS = {

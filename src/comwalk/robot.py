@@ -16,7 +16,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from .errors import ModelError, checked_number, nearest
+from .errors import ModelError, checked_number, nearest, one_line
 from .footsteps import Side
 from .motion import JointLimit
 from .polygon import convex_hull
@@ -196,11 +196,6 @@ def _find(source: str) -> tuple[str, Path]:
     )
 
 
-def _one_line(error: Exception) -> str:
-    """Return an error's text on one line."""
-    return " ".join(str(error).split())
-
-
 def _read(path: Path) -> mujoco.MjSpec:
     """Parse an MJCF file."""
     try:
@@ -211,7 +206,7 @@ def _read(path: Path) -> mujoco.MjSpec:
     except ModelError:
         raise
     except (ValueError, mujoco.FatalError, UnicodeDecodeError, OSError) as error:
-        raise ModelError(f"{path} is not a readable MJCF: {_one_line(error)}") from None
+        raise ModelError(f"{path} is not a readable MJCF: {one_line(error)}") from None
     names = {site.name for site in spec.sites}
     for site in ("l_sole", "r_sole"):
         if site not in names:
@@ -227,7 +222,7 @@ def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
     try:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"{path} does not compile: {_one_line(error)}") from None
+        raise ModelError(f"{path} does not compile: {one_line(error)}") from None
     types = model.jnt_type
     if model.njnt == 0 or types[0] != int(mujoco.mjtJoint.mjJNT_FREE):
         raise ModelError(

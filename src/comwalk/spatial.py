@@ -149,6 +149,19 @@ def rotation_error(R_d: np.ndarray, R: np.ndarray) -> np.ndarray:
     return rotation_log(R_d @ R.T)
 
 
+def yaw_of_quaternion(quaternion: np.ndarray) -> float:
+    """Return the yaw of a rotation given as a quaternion.
+
+    Args:
+        quaternion: Quaternion wxyz, of shape (4,).
+
+    Returns:
+        Angle [rad] in (-pi, pi].
+    """
+    w, x, y, z = quaternion.tolist()
+    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
+
+
 def yaw_of(R: np.ndarray) -> float:
     """Return the yaw of a rotation: the heading of its x axis on the ground.
 

@@ -11,6 +11,7 @@ from .footsteps import Side
 from .log import Log
 from .pattern import Pattern, Phase
 from .robot import Kinematics, Robot
+from .spatial import yaw_of_quaternion
 from .walk import Outcome
 
 
@@ -90,7 +91,7 @@ def _robot_figures(log: Log, robot: Robot) -> dict[str, Any]:
     """Return the figures that only a robot with soles and joints has."""
     margins = 1e3 * sole_margins(log, robot)
     margins = margins if len(margins) else np.array([np.nan])
-    turn = _yaw_of_quat(log["qpos"][-1, 3:7]) - log["heading_ref"][-1]
+    turn = yaw_of_quaternion(log["qpos"][-1, 3:7]) - log["heading_ref"][-1]
     speed = np.abs(log["qvel"][:, 6:]) / robot.speed
     fastest = int(np.argmax(speed.max(axis=0)))
     torques = np.abs(log["torques_true"])
@@ -171,12 +172,6 @@ def _rms_mm(error: np.ndarray) -> dict[str, float]:
     """Return the rms of x and y [mm]."""
     x, y = (1e3 * np.sqrt(np.mean(error[:, :2] ** 2, axis=0))).tolist()
     return {"x": x, "y": y}
-
-
-def _yaw_of_quat(quaternion: np.ndarray) -> float:
-    """Return the yaw of a quaternion wxyz."""
-    w, x, y, z = quaternion.tolist()
-    return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
 
 
 def _finite(value: float) -> float | None:

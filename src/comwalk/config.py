@@ -706,12 +706,12 @@ def _checked(
     motion: EmbeddedMotion | None,
 ) -> Setup:
     """Return a setup whose gains are stable and whose feet are in reach."""
-    control = config.controller
-    control.check(pattern)
     if robot is not None:
         from .reach import check_reach
 
         check_reach(robot, pattern)
+    control = config.controller
+    control.check(pattern)
     return Setup(
         robot=robot,
         pattern=pattern,

@@ -175,10 +175,10 @@ def simulate(
     """
     control = control or Control()
     _check_kinds(robot, pattern, motion)
-    control.check(pattern)
     _check_pushes(pattern, physics)
     _check_gravity(robot, pattern)
     check_reach(robot, pattern)
+    control.check(pattern)
     plant = SimulatedRobot(robot, control.period, physics, seed)
     body = WholeBody(robot, control.period, motion, control.body)
     body.start(pattern.at(0.0))

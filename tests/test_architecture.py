@@ -32,6 +32,7 @@ ORDER = (
     "control",
     "plant",
     "resolution",
+    "resolver",
     "settings",
     # The whole body, in MuJoCo.
     "robot",

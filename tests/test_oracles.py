@@ -27,7 +27,8 @@ from robots import (
 from comwalk.footsteps import Gait, plan_steps
 from comwalk.pattern import Phase, make_pattern
 from comwalk.pendulum import Pendulum
-from comwalk.resolution import CartesianMotion, Damping, JointMotion, Resolver
+from comwalk.resolution import CartesianMotion, Damping, JointMotion
+from comwalk.resolver import Resolver
 from comwalk.robot import Kinematics, Robot
 from comwalk.run import Run, simulate
 from comwalk.sensing import Contact, zmp_from_wrenches

@@ -12,8 +12,6 @@ from comwalk.resolution import (
     Damping,
     JointMotion,
     Limb,
-    RateLimits,
-    Resolver,
     Task,
     check_limbs,
     damped_inverse,
@@ -21,6 +19,7 @@ from comwalk.resolution import (
     resolve_by_elimination,
     sigma_min,
 )
+from comwalk.resolver import RateLimits, Resolver
 from comwalk.robot import Kinematics
 from comwalk.spatial import rotation_error, rotation_yaw, shift, skew
 

@@ -19,15 +19,8 @@ from .footsteps import Side
 from .motion import EmbeddedMotion
 from .pattern import Phase, Reference
 from .plant import Command, Sensors
-from .resolution import (
-    CartesianMotion,
-    JointMotion,
-    Posture,
-    RateLimits,
-    Resolution,
-    Resolver,
-    Task,
-)
+from .resolution import CartesianMotion, JointMotion, Posture, Resolution, Task
+from .resolver import RateLimits, Resolver
 from .robot import LEGS, Kinematics, Robot
 from .sensing import Contact, Measurement, tilt_of, zmp_from_wrenches
 from .settings import BodySettings

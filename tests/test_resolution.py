@@ -373,3 +373,26 @@ def test_tasks_must_name_every_limb_once():
 def test_damping_ranges(field, value):
     with pytest.raises(ParameterError, match=field):
         Damping(**{field: value})
+
+
+def test_support_side_swaps_without_a_jump_near_singular_postures():
+    """Damped, both feet give way alike: the base limb's choice does not show."""
+    robot, resolver = paper(), Resolver(paper().limbs)
+    posture = posture_of(robot, straight_legs(robot))
+    still = {n.name: JointMotion(np.zeros(len(n.joints))) for n in robot.limbs[2:]}
+    results = [
+        resolver.resolve(
+            posture,
+            Task(
+                np.array([0.02, 0.03, 0.05]),
+                base,
+                np.zeros(6),
+                np.array([0.0, 0.1, 0.0]),
+                {swing: CartesianMotion(np.zeros(6)), **still},
+            ),
+        )
+        for base, swing in (("left_leg", "right_leg"), ("right_leg", "left_leg"))
+    ]
+    assert all(result.damped for result in results)
+    assert np.abs(results[0].rates).max() > 1e-2
+    assert np.abs(results[0].velocity - results[1].velocity).max() < 1e-8

@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -36,9 +36,6 @@ from .footsteps import plan_steps
 from .motion import Motion
 from .motion_files import load_motion
 from .pattern import coefficients, make_pattern, transfer_zmp
-
-if TYPE_CHECKING:
-    pass
 
 LARGEST_REPLAY_ERROR = 1e-6
 """Largest difference of a replay from its record [m, rad]."""

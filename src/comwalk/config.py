@@ -635,23 +635,15 @@ def build_walk(config: WalkConfig) -> Setup:
 
 def _refuse_idle(config: WalkConfig) -> None:
     """Refuse settings that would do nothing, since a user expects them to."""
-    default = WalkConfig()
-    asked = {
-        "plan": (config.plan is not None, ("steps", "gait")),
-        "motion": (
-            config.motion is None,
-            ("motion_amplitude", "motion_frequency", "motion_scale", "motion_speed"),
-        ),
-    }
-    for name, (idle, fields) in asked.items():
-        changed = [f for f in fields if getattr(config, f) != getattr(default, f)]
-        if idle and changed:
-            without = (
-                "with a plan, which holds its own"
-                if name == "plan"
-                else ("without a motion")
-            )
-            raise ParameterError(f"{changed[0]} does nothing {without}; leave it out")
+    default, idle = WalkConfig(), {}
+    if config.plan is not None:
+        idle |= dict.fromkeys(("steps", "gait"), "with a plan, which holds its own")
+    if config.motion is None:
+        numbers = ("amplitude", "frequency", "scale", "speed")
+        idle |= dict.fromkeys([f"motion_{n}" for n in numbers], "without a motion")
+    for name, why in idle.items():
+        if getattr(config, name) != getattr(default, name):
+            raise ParameterError(f"{name} does nothing {why}; leave it out")
 
 
 def build_dance(config: DanceConfig) -> Setup:

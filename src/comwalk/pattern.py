@@ -310,6 +310,17 @@ class Reference:
     step: int
     """Number of footsteps that have landed."""
 
+    def foot(self, side: Side) -> FootMotion:
+        """Return the motion of one foot.
+
+        Args:
+            side: Which foot.
+
+        Returns:
+            Its pose and velocity, world.
+        """
+        return self.left if side is Side.LEFT else self.right
+
 
 class Samples(NamedTuple):
     """The pattern at many times, for plots."""

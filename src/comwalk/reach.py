@@ -59,7 +59,7 @@ def _check_at(pattern: Pattern, time: float, legs: dict) -> None:
     reference = pattern.at(time)
     R = rotation_yaw(reference.heading)
     for side, (hip, ankle, length) in legs.items():
-        foot = reference.left if side is Side.LEFT else reference.right
+        foot = reference.foot(side)
         on_ground = foot.position[2] == 0.0
         where = foot.position + rotation_yaw(foot.yaw) @ ankle
         needed = float(np.linalg.norm(reference.com + R @ hip - where))

@@ -26,6 +26,7 @@ from .resolution import (
     damped_inverse,
     motion_of,
     resolve_by_elimination,
+    sigma_min,
 )
 
 _gesv = get_lapack_funcs("gesv", dtype=np.float64)
@@ -170,14 +171,11 @@ class Resolver:
         held, turning = layout.known[3:], layout.known[:3]
         free = np.concatenate([turning, layout.free])
         v = np.zeros(S.shape[1])
-        v[held] = np.clip(
-            self._known_rates(task, layout)[3:],
-            np.minimum(limits.lower, limits.upper)[held - 6],
-            limits.upper[held - 6],
-        )
+        low, high = np.minimum(limits.lower, limits.upper), limits.upper
+        wanted = self._known_rates(task, layout)[3:]
+        v[held] = np.clip(wanted, low[held - 6], high[held - 6])
         lower, upper = np.full(len(v), -np.inf), np.full(len(v), np.inf)
-        lower[6:] = np.minimum(limits.lower, limits.upper) - 1e-9
-        upper[6:] = limits.upper + 1e-9
+        lower[6:], upper[6:] = low - 1e-9, high + 1e-9
         W, k = layout.weights, len(free)
         lam = np.full(k, math.sqrt(lam2) + 1e-6)
         lam[:6] = 0.0  # joint rates are damped, the body's own are not
@@ -237,8 +235,7 @@ class Resolver:
                 return 0.0
         if not layout.legs:
             return 0.0
-        J = np.array([A[leg] for leg in layout.legs])
-        sigma = float(np.linalg.svd(J, compute_uv=False)[:, -1].min())
+        sigma = min(sigma_min(A[leg]) for leg in layout.legs)
         room = max(0.0, sigma - self.damping.threshold) ** 2
         self._seen = layout, A.copy(), room
         return self.damping.squared(sigma)

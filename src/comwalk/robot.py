@@ -127,7 +127,7 @@ class Robot:
     @property
     def upper_body(self) -> tuple[str, ...]:
         """Names of the joints outside the legs: those that may dance."""
-        legs = {j for limb in self.limbs for j in limb.joints if "leg" in limb.name}
+        legs = {j for x in self.limbs if x.name in LEGS.values() for j in x.joints}
         return tuple(n for j, n in enumerate(self.joints) if j not in legs)
 
 
@@ -249,13 +249,11 @@ def _add_sole_centres(spec: mujoco.MjSpec, path: Path) -> None:
                 f'{path}: the body of site "{letter}_sole" has no box that touches '
                 "the ground; give the foot a contact box"
             )
-        centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-        R = np.empty(9)
-        mujoco.mju_quat2Mat(R, model.site_quat[sole.id])
+        centre, R = _middle(corners), _rotation(model.site_quat[sole.id])
         body = next(s for s in spec.sites if s.name == f"{letter}_sole").parent
         body.add_site(
             name=f"{letter}_sole_centre",
-            pos=model.site_pos[sole.id] + R.reshape(3, 3) @ [*centre, 0.0],
+            pos=model.site_pos[sole.id] + R @ [*centre, 0.0],
             quat=model.site_quat[sole.id],
             group=4,
         )
@@ -263,20 +261,16 @@ def _add_sole_centres(spec: mujoco.MjSpec, path: Path) -> None:
 
 def _sole_corners(model: mujoco.MjModel, site: int) -> np.ndarray:
     """Return the corners of a foot's contact boxes in the plane of its sole site."""
-    R, corners = np.empty(9), []
-    mujoco.mju_quat2Mat(R, model.site_quat[site])
+    R, corners = _rotation(model.site_quat[site]), []
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     for geom in range(model.ngeom):
         collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
         is_box = model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_BOX)
-        if model.geom_bodyid[geom] != model.site_bodyid[site] or not collides:
-            continue
-        if is_box:
-            G = np.empty(9)
-            mujoco.mju_quat2Mat(G, model.geom_quat[geom])
-            points = signs * model.geom_size[geom] @ G.reshape(3, 3).T
+        same_body = model.geom_bodyid[geom] == model.site_bodyid[site]
+        if is_box and collides and same_body:
+            points = signs * model.geom_size[geom] @ _rotation(model.geom_quat[geom]).T
             points = points + model.geom_pos[geom] - model.site_pos[site]
-            corners.append(points @ R.reshape(3, 3))
+            corners.append(points @ R)
     if not corners:
         return np.zeros((0, 2))
     points = np.vstack(corners)
@@ -293,17 +287,27 @@ def _read_foot(model: mujoco.MjModel, side: Side) -> Foot:
     sensor_name = f"{letter}_ankle_ft"
     sensor = names.index(sensor_name) if sensor_name in names else sole
     body = int(model.site_bodyid[sensor])
-    R = np.empty(9)
-    mujoco.mju_quat2Mat(R, model.site_quat[sensor])
     corners = _sole_corners(model, sole)
-    middle = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    arm = model.body_ipos[body] - model.site_pos[sensor]
     return Foot(
-        sole=corners - middle,
+        sole=corners - _middle(corners),
         site=centre,
         sensor_site=sensor,
         mass=float(model.body_mass[body]),
-        com=R.reshape(3, 3).T @ (model.body_ipos[body] - model.site_pos[sensor]),
+        com=_rotation(model.site_quat[sensor]).T @ arm,
     )
+
+
+def _rotation(quaternion: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix of a quaternion wxyz."""
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, quaternion)
+    return R.reshape(3, 3)
+
+
+def _middle(corners: np.ndarray) -> np.ndarray:
+    """Return the middle of the extent of some points, of shape (2,)."""
+    return 0.5 * (corners.min(axis=0) + corners.max(axis=0))
 
 
 def _chain(model: mujoco.MjModel, body: int) -> list[int]:
@@ -337,7 +341,7 @@ def _find_limbs(
         sites[LEGS[side]] = names.index(f"{letter}_sole_centre")
         if len(chains[LEGS[side]]) == 0:
             raise ModelError(f"{path}: no joint between the base and {letter}_sole")
-    upper = [chains[k] for k in chains if "leg" not in k]
+    upper = [chains[k] for k in chains if k not in LEGS.values()]
     shared = {j for c in upper for j in c if sum(j in other for other in upper) > 1}
     limbs = [Limb(name=n, joints=tuple(chains[n])) for n in LEGS.values()]
     ends = [sites[limb.name] for limb in limbs]
@@ -345,7 +349,7 @@ def _find_limbs(
         limbs.append(Limb(name="torso", joints=tuple(sorted(shared))))
         ends.append(names.index("torso") if "torso" in names else -1)
     for name in chains:
-        if "leg" not in name:
+        if name not in LEGS.values():
             own = tuple(j for j in chains[name] if j not in shared)
             parent = "torso" if shared & set(chains[name]) else None
             limbs.append(Limb(name=name, joints=own, parent=parent))
@@ -524,9 +528,7 @@ class Kinematics:
         """
         local, result = velocity.copy(), q.copy()
         if rotation is None:
-            R_o = np.empty(9)
-            mujoco.mju_quat2Mat(R_o, q[3:7])
-            rotation = R_o.reshape(3, 3)
+            rotation = _rotation(q[3:7])
         local[3:6] = velocity[3:6] @ rotation
         mujoco.mj_integratePos(self.robot.model, result, local, dt)
         return result

@@ -22,14 +22,14 @@ from .errors import ParameterError, PlanError, RunError
 from .log import Log, save_columns
 from .motion import EmbeddedMotion
 from .pattern import Pattern
-from .plant import Disturbance, PendulumPlant, no_disturbance
+from .plant import Disturbance, PendulumPlant, Plant, no_disturbance
 from .reach import check_reach
 from .robot import Robot
 from .settings import Control, SimulatorSettings
 from .simulator import SimulatedRobot
 from .summary import summarize
 from .walk import Outcome, Tick, Watch, walk
-from .whole_body import PointBody, WholeBody
+from .whole_body import Body, PointBody, WholeBody
 
 
 @dataclass(frozen=True, eq=False)
@@ -183,32 +183,20 @@ def simulate(
     body = WholeBody(robot, control.period, motion, control.body)
     body.start(pattern.at(0.0))
     plant.place(body.configuration)
-    controller = WalkingController(control.gains, control.settings, control.period)
     log = Log(
         _rows(pattern, control.period),
         lambda: {**plant.snapshot(), **body.diagnostics()},
     )
-    begin = time.perf_counter()
-    record = _recorder(log, progress)
-    outcome = walk(pattern, controller, body, plant, on_tick=record, watch=watch)
-    return Run(
-        outcome=outcome,
-        log=log,
-        pattern=pattern,
-        seconds=time.perf_counter() - begin,
-        settings={
-            "robot": robot.name,
-            "plant": "robot",
-            "seed": seed,
-            "motion": None if motion is None else motion.motion.name,
-            "control": plain(control),
-            "physics": plain(plant.settings),
-            "pendulum": plain(pattern.pendulum),
-            "plan": plain(pattern.plan),
-        },
-        robot=robot,
-        scene=plant.model,
-        substeps=plant.substeps,
+    notes = {
+        "robot": robot.name,
+        "plant": "robot",
+        "seed": seed,
+        "motion": None if motion is None else motion.motion.name,
+        "physics": plain(plant.settings),
+    }
+    run = _walked(pattern, control, body, plant, log, notes, watch, progress)
+    return dataclasses.replace(
+        run, robot=robot, scene=plant.model, substeps=plant.substeps
     )
 
 
@@ -249,19 +237,33 @@ def simulate_pendulum(
         # A disturbance that lasts takes the integral of u anywhere: no bound.
         settings = dataclasses.replace(control.settings, max_offset=1e6)
         control = dataclasses.replace(control, settings=settings)
-    controller = WalkingController(control.gains, control.settings, control.period)
     log = Log(_rows(pattern, control.period))
+    notes = {"robot": None, "plant": "pendulum"}
+    return _walked(pattern, control, PointBody(), plant, log, notes, watch, progress)
+
+
+def _walked(
+    pattern: Pattern,
+    control: Control,
+    body: Body,
+    plant: Plant,
+    log: Log,
+    notes: dict[str, Any],
+    watch: Watch | None,
+    progress: Progress | None,
+) -> Run:
+    """Walk, and return the run with what it was made with."""
+    controller = WalkingController(control.gains, control.settings, control.period)
     begin = time.perf_counter()
     record = _recorder(log, progress)
-    outcome = walk(pattern, controller, PointBody(), plant, on_tick=record, watch=watch)
+    outcome = walk(pattern, controller, body, plant, on_tick=record, watch=watch)
     return Run(
         outcome=outcome,
         log=log,
         pattern=pattern,
         seconds=time.perf_counter() - begin,
         settings={
-            "robot": None,
-            "plant": "pendulum",
+            **notes,
             "control": plain(control),
             "pendulum": plain(pattern.pendulum),
             "plan": plain(pattern.plan),

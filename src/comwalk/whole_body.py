@@ -75,7 +75,8 @@ class PointBody:
 class WholeBody:
     """A humanoid that walks by the kinematic resolution. Final.
 
-    It holds one state: the commanded configuration, integrated from the resolution.
+    Its state is the commanded configuration, integrated from the resolution, and the
+    dead reckoning of the supporting foot.
     """
 
     def __init__(
@@ -222,7 +223,7 @@ class WholeBody:
 
     def _foothold(self, side: Side, reference: Reference) -> tuple[float, float, float]:
         """Return where a sole stands: x [m], y [m], yaw [rad]."""
-        foot = reference.left if side is Side.LEFT else reference.right
+        foot = reference.foot(side)
         x, y, _ = foot.position.tolist()
         dx, dy, dyaw = self._offsets[side]
         return x + dx, y + dy, foot.yaw + dyaw
@@ -323,7 +324,7 @@ class WholeBody:
         moves the whole body.
         """
         k = _FOOT_INDEX[side]
-        foot = reference.left if side is Side.LEFT else reference.right
+        foot = reference.foot(side)
         x_d, y_d, yaw_d = self._foothold(side, reference)
         x, y, z = posture.ends[k].tolist()
         e_x, e_y, e_z = level_error(yaw_d, posture.end_rotations[k]).tolist()

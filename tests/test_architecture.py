@@ -36,7 +36,9 @@ ORDER = (
     "settings",
     # The whole body, in MuJoCo.
     "robot",
+    "defaults",
     "reach",
+    "terrain",
     "simulator",
     "whole_body",
     # The loop, its record and its pictures.

@@ -161,7 +161,7 @@ def simulate(
         pattern: What to walk.
         control: The walking controller; the paper's if None.
         motion: Motion of arms, waist or head, embedded in the CoM Jacobian.
-        physics: Physics step, friction, noise and pushes.
+        physics: Physics step, floor, payload, sensors and pushes.
         watch: When a walk counts as a fall.
         seed: Seed of the sensor noise.
         progress: Called now and then with the simulated time.
@@ -179,7 +179,7 @@ def simulate(
     _check_gravity(robot, pattern)
     check_reach(robot, pattern)
     control.check(pattern)
-    plant = SimulatedRobot(robot, control.period, physics, seed)
+    plant = SimulatedRobot(robot, control.period, physics, seed, pattern.plan)
     body = WholeBody(robot, control.period, motion, control.body)
     body.start(pattern.at(0.0))
     plant.place(body.configuration)

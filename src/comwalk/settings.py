@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 from .control import ControlSettings, Gains, check_gains
 from .errors import ParameterError, checked_number
+from .footsteps import checked_count
 from .pattern import Pattern
 from .sampled import SampledLoop
 
@@ -43,9 +44,20 @@ class SimulatorSettings:
     """Physics step [s], in [1e-4, 0.005]."""
     friction: float = 1.0
     """Sliding friction of the floor [-], in [0, 10]."""
+    terrain: float = 0.0
+    """Height of the highest of the random boxes that make the floor rough [m], in
+    [0, 0.2]; 0 is a flat floor."""
+    terrain_seed: int = 0
+    """Seed of the boxes' heights, in [0, 4294967295]."""
+    payload: float = 0.0
+    """Load on the robot's back that the controller does not know of, as a share of the
+    robot's mass, in [0, 1]."""
+    latency: float = 0.0
+    """Age of what the controller gets from the sensors [s], in [0, 0.2], rounded to
+    control periods."""
     noise: float = 0.0
     """Sensor noise, as a factor on 1e-4 rad (encoders), 5 N and 0.2 N m (ankle
-    sensors), in [0, 100]."""
+    sensors), 0.002 rad, 0.01 rad/s and 0.05 m/s^2 (IMU), in [0, 100]."""
     pushes: tuple[Push, ...] = field(default=())
     """Forces on the trunk."""
 
@@ -58,12 +70,23 @@ class SimulatorSettings:
         checked_number(
             "simulator.timestep", self.timestep, unit="s", low=1e-4, high=0.005
         )
-        checked_number("simulator.friction", self.friction, low=0, high=10)
-        checked_number("simulator.noise", self.noise, low=0, high=100)
+        for name, (unit, high) in _SIMULATOR_LIMITS.items():
+            value = getattr(self, name)
+            checked_number(f"simulator.{name}", value, unit=unit, low=0, high=high)
+        checked_count("simulator.terrain_seed", self.terrain_seed, 0, 2**32 - 1)
         if not all(isinstance(push, Push) for push in _listed(self.pushes)):
             raise ParameterError(
                 f"simulator.pushes must be Push's, got {self.pushes!r}"
             )
+
+
+_SIMULATOR_LIMITS = {
+    "friction": ("", 10.0),
+    "terrain": ("m", 0.2),
+    "payload": ("", 1.0),
+    "latency": ("s", 0.2),
+    "noise": ("", 100.0),
+}
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -7,6 +7,7 @@ simulator knows (`truth`) goes to the log alone.
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
@@ -14,10 +15,11 @@ import mujoco
 import numpy as np
 
 from .errors import ModelError, ParameterError
-from .footsteps import Side
+from .footsteps import FootstepPlan, Side
 from .plant import Command, Sensors
 from .robot import Robot
 from .settings import SimulatorSettings
+from .terrain import CELL, Terrain, random_terrain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -32,6 +34,8 @@ class Truth:
     """Vertical ground force on the left and the right foot [N], of shape (2,)."""
     torques: np.ndarray
     """Torques of the servos [N m], of shape (joints,)."""
+    wrenches: np.ndarray
+    """What the ankle sensors feel, without noise and delay [N, N m], (2, 6)."""
 
 
 class SimulatedRobot:
@@ -43,6 +47,7 @@ class SimulatedRobot:
         period: float,
         settings: SimulatorSettings | None = None,
         seed: int = 0,
+        plan: FootstepPlan | None = None,
     ) -> None:
         """Build the scene.
 
@@ -51,9 +56,11 @@ class SimulatedRobot:
             period: Control period [s], a multiple of the physics step.
             settings: Physics.
             seed: Seed of the sensor noise.
+            plan: Where a rough floor is needed.
 
         Raises:
-            ParameterError: If the period is no multiple of the physics step.
+            ParameterError: If the period is no multiple of the physics step, or a
+                rough floor is wanted without a plan.
             ModelError: If the model lacks a sensor.
         """
         self.settings = settings or SimulatorSettings()
@@ -66,7 +73,7 @@ class SimulatedRobot:
                 f"the control period {period} s must be a multiple of the physics "
                 f"step {self.settings.timestep} s"
             )
-        self.model = build_scene(robot, self.settings)
+        self.model = build_scene(robot, self.settings, plan)
         self.data = mujoco.MjData(self.model)
         self._probe = mujoco.MjData(self.model)
         self._rng = np.random.default_rng(seed)
@@ -76,8 +83,9 @@ class SimulatedRobot:
         ]
         self._ankles = np.array([_ankle_readings(self.model, side) for side in Side])
         self._feet = self.model.site_bodyid[[robot.feet[side].site for side in Side]]
-        imu = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_SENSOR, "imu_quat")
-        self._trunk = self.model.site_bodyid[self.model.sensor_objid[imu]]
+        self._trunk = trunk_body(self.model)
+        late = round(self.settings.latency / period)
+        self._readings: deque[Sensors] = deque(maxlen=late + 1)
         self._felt, self._ground = np.zeros((2, 6)), np.zeros((2, 6))
         self._tick = 0
 
@@ -107,7 +115,8 @@ class SimulatedRobot:
         mujoco.mj_copyData(self._probe, self.model, self.data)
         mujoco.mj_forward(self.model, self._probe)
         self._average([self._probe])
-        return self._sense(self._probe)
+        self._readings.clear()
+        return self._delayed(self._sense(self._probe))
 
     def write(self, command: Command) -> None:
         """Set the set-points of the next period, and the pushes that act in it."""
@@ -126,7 +135,12 @@ class SimulatedRobot:
         """
         self._average(self._substeps())
         self._tick += 1
-        return self._sense(self.data)
+        return self._delayed(self._sense(self.data))
+
+    def _delayed(self, sensors: Sensors) -> Sensors:
+        """Keep a reading, and return the one that arrives now: at first, the first."""
+        self._readings.append(sensors)
+        return self._readings[0]
 
     def _substeps(self) -> Iterator[mujoco.MjData]:
         """Simulate one period, and offer the state after each physics step."""
@@ -159,11 +173,14 @@ class SimulatedRobot:
         # MuJoCo gives what the shank exerts on the foot; the robot feels the opposite.
         wrenches = -self._felt
         positions = data.qpos[7:].copy()
-        if self.settings.noise:
-            scale = self.settings.noise * _NOISE
-            wrenches += scale[:6] * self._rng.standard_normal((2, 6))
-            positions += scale[6] * self._rng.standard_normal(len(positions))
         quat, gyro, acc = (s[part].copy() for part in self._imu)
+        if self.settings.noise:
+            scale, normal = self.settings.noise, self._rng.standard_normal
+            wrenches += scale * _ANKLE_NOISE * normal((2, 6))
+            positions += scale * _ENCODER_NOISE * normal(len(positions))
+            mujoco.mju_quatIntegrate(quat, scale * _TURN_NOISE * normal(3), 1.0)
+            gyro += scale * _GYRO_NOISE * normal(3)
+            acc += scale * _ACCELERATION_NOISE * normal(3)
         return Sensors(
             self._tick * self.period,
             positions,
@@ -185,6 +202,7 @@ class SimulatedRobot:
             "zmp_true": truth.zmp,
             "loads_true": truth.loads,
             "torques_true": truth.torques,
+            "wrenches_true": truth.wrenches,
         }
         if self.model.na:
             row["act"] = data.act
@@ -209,6 +227,7 @@ class SimulatedRobot:
             zmp=zmp,
             loads=np.array([left[5], right[5]]),
             torques=data.actuator_force[self._actuators],
+            wrenches=-self._felt,
         )
 
 
@@ -218,7 +237,12 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return b @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
 
 
-_NOISE = np.array([5.0, 5.0, 5.0, 0.2, 0.2, 0.2, 1e-4])
+# Standard deviations at noise 1, white from one reading to the next.
+_ANKLE_NOISE = np.array([5.0, 5.0, 5.0, 0.2, 0.2, 0.2])  # [N, N m]
+_ENCODER_NOISE = 1e-4  # [rad]
+_TURN_NOISE = 2e-3  # [rad]
+_GYRO_NOISE = 1e-2  # [rad/s]
+_ACCELERATION_NOISE = 5e-2  # [m/s^2]
 
 
 def _ankle_readings(model: mujoco.MjModel, side: Side) -> list[int]:
@@ -240,19 +264,42 @@ def _sensor(model: mujoco.MjModel, name: str) -> slice:
     return slice(start, start + int(model.sensor_dim[index]))
 
 
+def trunk_body(model: mujoco.MjModel) -> int:
+    """Return the body that pushes act on and that bears a payload.
+
+    Args:
+        model: A compiled robot.
+
+    Returns:
+        Index of the body that bears the IMU.
+
+    Raises:
+        ModelError: If there is no IMU.
+    """
+    _sensor(model, "imu_quat")
+    return int(model.site_bodyid[model.sensor("imu_quat").objid[0]])
+
+
 _FLOOR = "comwalk_floor"
 _SETTLING = 0.5  # time to come to rest before a run [s]
 
 
-def build_scene(robot: Robot, settings: SimulatorSettings) -> mujoco.MjModel:
+def build_scene(
+    robot: Robot, settings: SimulatorSettings, plan: FootstepPlan | None = None
+) -> mujoco.MjModel:
     """Return the robot on a floor, with light.
 
     Args:
         robot: The robot.
         settings: Physics.
+        plan: Where a rough floor is needed.
 
     Returns:
         The compiled model. Its joints are in the order of the robot's.
+
+    Raises:
+        ParameterError: If a rough floor is wanted without a plan.
+        PlanError: If the plan is too long for a rough floor.
     """
     spec = robot.spec.copy()
     for geom in spec.geoms:  # soles may have priority over the floor: both must slip
@@ -270,7 +317,79 @@ def build_scene(robot: Robot, settings: SimulatorSettings) -> mujoco.MjModel:
         conaffinity=1,
         friction=[settings.friction, 0.005, 0.0001],
     )
+    if settings.terrain:
+        if plan is None:
+            raise ParameterError("simulator.terrain needs a plan to lie under")
+        terrain = random_terrain(plan, settings.terrain, settings.terrain_seed)
+        _add_terrain(spec, terrain, settings)
+    if settings.payload:
+        _add_payload(spec, robot, settings.payload)
     return spec.compile()
+
+
+_BOX_BIT = 1 << 20  # of contype and conaffinity: soles against boxes
+_BOX_DEPTH = 0.05  # how far boxes go below the floor [m]
+
+
+def _add_terrain(
+    spec: mujoco.MjSpec, terrain: Terrain, settings: SimulatorSettings
+) -> None:
+    """Add the boxes of a rough floor, which only the soles can touch."""
+    for site in ("l_sole", "r_sole"):
+        for geom in spec.site(site).parent.geoms:
+            if geom.contype or geom.conaffinity:
+                geom.contype |= _BOX_BIT
+    side = CELL / 2
+    for (x, y), height in zip(
+        terrain.centers.tolist(), terrain.heights.tolist(), strict=True
+    ):
+        half = (height + _BOX_DEPTH) / 2
+        light = 0.72 + 0.2 * height / settings.terrain
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[x, y, height - half],
+            size=[side, side, half],
+            rgba=[light, light, light + 0.02, 1.0],
+            contype=0,
+            conaffinity=_BOX_BIT,
+            friction=[settings.friction, 0.005, 0.0001],
+        )
+
+
+_BEHIND = 0.12  # how far behind the trunk's CoM a payload is [m]
+_PAYLOAD_SIZE = np.array([0.06, 0.12, 0.15])  # half lengths of its box [m]
+
+
+def _add_payload(spec: mujoco.MjSpec, robot: Robot, share: float) -> None:
+    """Add a box on the back: a body of its own, since a geom's mass may not count."""
+    model, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[:] = robot.home
+    mujoco.mj_kinematics(model, data)
+    trunk = trunk_body(model)
+    # Behind is against the way the soles point, whatever the axes of the trunk.
+    x, y = data.site_xmat[robot.feet[Side.LEFT].site][[0, 3]]
+    c, s = np.array([x, y]) / np.hypot(x, y)
+    upright = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    axes = data.xmat[trunk].reshape(3, 3).T @ upright
+    quat, mass = np.empty(4), share * robot.mass
+    mujoco.mju_mat2Quat(quat, axes.ravel())
+    squares = _PAYLOAD_SIZE**2
+    body = spec.body(model.body(trunk).name).add_body(
+        name="comwalk_payload",
+        pos=model.body_ipos[trunk] - _BEHIND * axes[:, 0],
+        quat=quat.tolist(),
+        mass=mass,
+        inertia=mass / 3.0 * (squares.sum() - squares),
+        explicitinertial=True,
+    )
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=_PAYLOAD_SIZE,
+        rgba=[0.72, 0.42, 0.22, 1.0],
+        contype=0,
+        conaffinity=0,
+        mass=0.0,
+    )
 
 
 def _add_look(spec: mujoco.MjSpec) -> str:

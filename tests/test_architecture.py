@@ -37,6 +37,7 @@ ORDER = (
     # The whole body, in MuJoCo.
     "robot",
     "defaults",
+    "defaults",
     "reach",
     "terrain",
     "simulator",

@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from .control import ControlSettings as ControlSettings
     from .control import Gains as Gains
     from .dances import builtin_motion as builtin_motion
+    from .defaults import default_gains as default_gains
+    from .defaults import default_gait as default_gait
+    from .defaults import default_pendulum as default_pendulum
+    from .defaults import walk_pattern as walk_pattern
     from .errors import ComwalkError as ComwalkError
     from .footsteps import Foothold as Foothold
     from .footsteps import Footstep as Footstep
@@ -60,6 +64,7 @@ _PUBLIC = {
         "plan_steps",
     ),
     "dances": ("builtin_motion",),
+    "defaults": ("default_gains", "default_gait", "default_pendulum", "walk_pattern"),
     "motion": ("embed_in",),
     "motion_files": ("load_motion",),
     "pattern": ("Pattern", "make_pattern"),

@@ -18,6 +18,7 @@ import mujoco
 import numpy as np
 
 from .control import ControlSettings, WalkingController
+from .defaults import default_control
 from .errors import ParameterError, PlanError, RunError
 from .log import Log, save_columns
 from .motion import EmbeddedMotion
@@ -159,7 +160,7 @@ def simulate(
     Args:
         robot: The robot.
         pattern: What to walk.
-        control: The walking controller; the paper's if None.
+        control: The walking controller; the robot's defaults if None.
         motion: Motion of arms, waist or head, embedded in the CoM Jacobian.
         physics: Physics step, floor, payload, sensors and pushes.
         watch: When a walk counts as a fall.
@@ -173,8 +174,8 @@ def simulate(
         ParameterError: If the gains are unstable.
         PlanError: If the plan cannot be walked by this robot.
     """
-    control = control or Control()
     _check_kinds(robot, pattern, motion)
+    control = control or default_control(robot)
     _check_pushes(pattern, physics)
     _check_gravity(robot, pattern)
     check_reach(robot, pattern)

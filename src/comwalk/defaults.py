@@ -1,0 +1,298 @@
+r"""What a robot walks with unless told otherwise: the paper's numbers, made to fit.
+
+Two robots whose lengths have the ratio r walk alike if all times have the ratio
+:math:`\sqrt r` (dynamic similarity: :math:`\omega_n t` is the same). The length is the
+CoM height c_z in the home posture, and the paper's robot, with c_z = 0.687 m, gets the
+paper's own numbers.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from .control import PAPER_GAINS, ControlSettings, Gains
+from .errors import ParameterError, checked_number
+from .footsteps import PAPER_GAIT, Gait, plan_steps
+from .pattern import Pattern, make_pattern
+from .pendulum import PAPER_PENDULUM, Pendulum
+from .resolution import Posture
+from .robot import Kinematics, Robot
+from .sampled import SampledLoop, highest_cutoff
+from .settings import Control
+
+SIDE_STEP = 0.05
+"""Natural shift of the body per step sideways, for the paper's robot [m]."""
+
+TURN_STEP = 0.3
+"""Natural turn of the body per step [rad]."""
+
+STEP_EXPONENT = 0.5
+"""How steps grow with the speed beyond the natural one [-]: by speed ratio to this
+power, while their time falls by the rest; 0 only hastens, 1 only lengthens."""
+
+MAX_HASTE = 4.0
+"""Fastest walk that the rule serves, in natural speeds [-]."""
+
+TRANSFER_SHARE = 0.1
+"""t_d as a share of T [-]."""
+
+SOLE_GAP = 0.02
+"""Smallest distance between parallel soles, for the paper's robot [m]."""
+
+
+def default_pendulum(robot: Robot) -> Pendulum:
+    """Return the simplified model of a robot in its home posture.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Its CoM height above the soles, to 1 mm, and the gravity of its model.
+    """
+    height = round(_com_height(_home_posture(robot)), 3)
+    return Pendulum(height=height, gravity=robot.gravity)
+
+
+def default_gait(
+    robot: Robot | None,
+    *,
+    speed: float | None = None,
+    side: float | None = None,
+    turn: float | None = None,
+    **changes: Any,
+) -> Gait:
+    r"""Return the gait of a robot, at its natural speed or at a wanted one.
+
+    Naturally a step of the length 2 B = 0.2 r takes the time :math:`T = \sqrt r`. A
+    slower walk shortens the step and keeps T. A walk that is q times faster takes
+    steps :math:`q^{1/2}` times as long in a time :math:`q^{1/2}` times as short. The
+    fastest of the three speeds counts. If T is given, it stays.
+
+    Args:
+        robot: The robot; None for the paper's.
+        speed: Forward speed [m/s], negative backward; natural if None and neither
+            sideways speed nor turning speed is given.
+        side: Sideways speed [m/s], left positive.
+        turn: Turning speed [rad/s], left positive.
+        changes: Fields of `Gait` that are given.
+
+    Returns:
+        The gait; numbers have four digits, t_d is a tenth of T, start and stop last
+        :math:`\sqrt r` seconds.
+
+    Raises:
+        ParameterError: If a speed is out of the reach of the rule, is given together
+            with its step, or a field of the gait is out of range.
+
+    Example:
+        >>> gait = default_gait(None, speed=0.8)
+        >>> gait.half_step, gait.period
+        (0.2, 0.5)
+    """
+    natural = _natural_gait(robot)
+    wanted = {"half_step": speed, "lateral": side, "turn": turn}
+    wanted = {name: v for name, v in wanted.items() if v is not None}
+    steps = _steps_at(wanted, natural, changes) if wanted else {}
+    given = {**steps, **changes}
+    T = checked_number("period", given.get("period", natural.period), unit="s")
+    given.setdefault("transfer_time", _digits(TRANSFER_SHARE * T))
+    return replace(natural, **given)
+
+
+def default_gains(robot: Robot) -> Gains:
+    """Return the paper's gains for the natural frequency of a robot.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Gains as many times the paper's as omega_n is.
+    """
+    f = default_pendulum(robot).omega / PAPER_PENDULUM.omega
+    k_p, k_c = PAPER_GAINS.walking
+    return Gains(
+        zmp=(_digits(f * k_p[0]), _digits(f * k_p[1])),
+        com=(_digits(f * k_c[0]), _digits(f * k_c[1])),
+    )
+
+
+def default_control_settings(
+    robot: Robot,
+    gains: Gains | None = None,
+    *,
+    pendulum: Pendulum | None = None,
+    period: float = 0.002,
+) -> ControlSettings:
+    """Return filter and bounds of the controller for a robot.
+
+    Args:
+        robot: The robot.
+        gains: The gains to walk with; the robot's defaults if None.
+        pendulum: The pendulum to walk with; the robot's default if None.
+        period: Control period [s].
+
+    Returns:
+        Settings with a ZMP cut-off as many times the paper's as omega_n is, but at
+        most half of the highest that is stable.
+    """
+    pendulum = pendulum or default_pendulum(robot)
+    gains = gains or default_gains(robot)
+    usual = ControlSettings()
+    cutoff = (usual.zmp_cutoff or 0.0) * pendulum.omega / PAPER_PENDULUM.omega
+    loop = SampledLoop(period=period, delay=usual.delay + 1)
+    highest = [
+        highest_cutoff(pendulum, k_p, k_c, loop)
+        for k_p, k_c in _axes(gains)
+        if 0.0 < k_p < k_c
+    ]
+    stable = [0.5 * f_c for f_c in highest if f_c > 0.0]
+    return replace(usual, zmp_cutoff=_digits(min([cutoff, *stable])))
+
+
+def default_control(robot: Robot, *, period: float = 0.002) -> Control:
+    """Return the walking controller of a robot.
+
+    Args:
+        robot: The robot.
+        period: Control period [s].
+
+    Returns:
+        Its default gains, filter and bounds.
+    """
+    gains = default_gains(robot)
+    settings = default_control_settings(robot, gains, period=period)
+    return Control(gains=gains, settings=settings, period=period)
+
+
+def sole_size(robot: Robot) -> tuple[float, float]:
+    """Return the rectangle that plans take for each sole of a robot.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Length and width [m], the extent of the larger sole about its centre.
+    """
+    extents = [2.0 * np.abs(foot.sole).max(axis=0) for foot in robot.feet.values()]
+    length, width = np.max(extents, axis=0).round(9).tolist()
+    return length, width
+
+
+def walk_pattern(
+    robot: Robot,
+    steps: int = 20,
+    *,
+    speed: float | None = None,
+    side: float | None = None,
+    turn: float | None = None,
+    **changes: Any,
+) -> Pattern:
+    """Return the pattern of a regular walk of a robot, ready for `simulate`.
+
+    Args:
+        robot: The robot.
+        steps: Number of steps, in [1, 100000].
+        speed: Forward speed [m/s], as in `default_gait`.
+        side: Sideways speed [m/s], left positive.
+        turn: Turning speed [rad/s], left positive.
+        changes: Fields of `Gait` that are given.
+
+    Returns:
+        CoM, ZMP and feet over time.
+
+    Raises:
+        ParameterError: If a number is out of range.
+        PlanError: If the feet would meet or the steps are too long.
+    """
+    gait = default_gait(robot, speed=speed, side=side, turn=turn, **changes)
+    plan = plan_steps(gait, steps, sole_size=sole_size(robot))
+    return make_pattern(plan, default_pendulum(robot))
+
+
+def _home_posture(robot: Robot) -> Posture:
+    """Return the kinematics in the home posture."""
+    return Kinematics(robot).posture(robot.home)
+
+
+def _com_height(posture: Posture) -> float:
+    """Return the height of the CoM above the soles [m]."""
+    return float(posture.com[2] - posture.ends[:2, 2].mean())
+
+
+def _natural_gait(robot: Robot | None) -> Gait:
+    """Return the gait at the natural speed."""
+    if robot is None:
+        return PAPER_GAIT
+    posture = _home_posture(robot)
+    r = round(_com_height(posture), 3) / PAPER_PENDULUM.height
+    left, right = posture.ends[:2, :2]
+    _, width = sole_size(robot)
+    apart = max(float(np.hypot(*(left - right))), width + SOLE_GAP * r)
+    times = ("period", "transfer_time", "start_time", "stop_time")
+    lengths = ("half_step", "swing_height")
+    return replace(
+        PAPER_GAIT,
+        half_width=_digits(0.5 * apart),
+        **{k: _digits(math.sqrt(r) * getattr(PAPER_GAIT, k)) for k in times},
+        **{k: _digits(r * getattr(PAPER_GAIT, k)) for k in lengths},
+    )
+
+
+_SPEEDS = {
+    "half_step": ("speed", "m/s", 2.0),
+    "lateral": ("side", "m/s", 1.0),
+    "turn": ("turn", "rad/s", 1.0),
+}
+"""Name and unit of each speed, and how many fields of the gait make one step."""
+
+
+def _steps_at(
+    wanted: dict[str, float], natural: Gait, changes: dict[str, Any]
+) -> dict[str, float]:
+    """Return the fields of a gait that walks at the wanted speeds.
+
+    Args:
+        wanted: Speeds [m/s, rad/s], by the field of the gait that each decides.
+        natural: The gait at the natural speed.
+        changes: Fields that are given.
+    """
+    r = natural.half_step / PAPER_GAIT.half_step
+    usual = {"half_step": natural.half_step, "lateral": SIDE_STEP * r}
+    usual["turn"] = TURN_STEP
+    haste = 1.0
+    for name, value in wanted.items():
+        label, unit, count = _SPEEDS[name]
+        if name in changes:
+            raise ParameterError(
+                f"{label} decides gait.{name}; give one of them, not both"
+            )
+        slowest = count * usual[name] / natural.period
+        high = _floored(MAX_HASTE * slowest)
+        v = checked_number(label, value, unit=unit, low=-high, high=high)
+        haste = max(haste, abs(v) / slowest)
+    T = _digits(natural.period * haste ** (STEP_EXPONENT - 1.0))
+    T = checked_number("period", changes.get("period", T), unit="s")
+    steps = {name: _digits(v * T / _SPEEDS[name][2]) for name, v in wanted.items()}
+    return {"half_step": 0.0, "period": T, **steps}
+
+
+def _axes(gains: Gains) -> Iterator[tuple[float, float]]:
+    """Yield k_p and k_c [1/s] of both axes, walking and standing."""
+    for k_p, k_c in (gains.walking, gains.standing):
+        yield from zip(k_p, k_c, strict=True)
+
+
+def _digits(x: float) -> float:
+    """Return a number rounded to four digits."""
+    return float(f"{x:.4g}")
+
+
+def _floored(x: float) -> float:
+    """Return a positive number rounded down to three digits, a limit to state."""
+    scale = 10.0 ** (2 - math.floor(math.log10(x)))
+    return math.floor(x * scale + 1e-6) / scale

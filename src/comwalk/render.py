@@ -87,6 +87,7 @@ class _Recording:
     zmp: np.ndarray  # [m], (n, 2)
     prints: tuple[_Print, ...]
     center: np.ndarray  # what the camera looks at [m], (n, 2)
+    ground: float = 0.0  # height that paths are drawn at [m]
 
     def row(self, time: float) -> int:
         """Return the row of a time."""
@@ -266,7 +267,15 @@ def _recording(source: Run | str | Path) -> _Recording:
         zmp=columns["zmp_filtered"],
         prints=_footprints(model, qpos, columns["t"], columns["phase"]),
         center=_smoothed(qpos[:, :2], columns["t"]),
+        ground=_highest_box(model),
     )
+
+
+def _highest_box(model: mujoco.MjModel) -> float:
+    """Return the height of the highest box of a rough floor [m], 0 without one."""
+    box = (model.geom_bodyid == 0) & (model.geom_type == int(mujoco.mjtGeom.mjGEOM_BOX))
+    tops = model.geom_pos[box, 2] + model.geom_size[box, 2]
+    return float(tops.max(initial=0.0))
 
 
 def _smoothed(path: np.ndarray, t: np.ndarray, window: float = 2.0) -> np.ndarray:
@@ -427,32 +436,35 @@ _COLORS = {
     Side.RIGHT: (0.84, 0.37, 0.0),
 }
 _COM_COLOR, _ZMP_COLOR = (0.0, 0.35, 0.65, 1.0), (0.90, 0.36, 0.0, 1.0)
+_HULL_COLOR = (0.1, 0.55, 0.3, 1.0)
 _UPRIGHT = np.eye(3).ravel()
 
 
 def _draw_floor(scene: mujoco.MjvScene, recording: _Recording, row: int) -> None:
     """Draw the footprints, the support polygon and the paths so far."""
     now = float(recording.t[row])
+    up = recording.ground
     for mark in recording.prints:
-        _draw_print(scene, mark, now)
+        _draw_print(scene, mark, now, up)
     standing = [p.corners for p in recording.prints if p.landed <= now < p.lifted]
     if standing:
         hull = convex_hull(np.concatenate(standing))
-        _draw_path(scene, np.vstack([hull, hull[:1]]), (0.1, 0.55, 0.3, 1.0), 0.003)
+        _draw_path(scene, np.vstack([hull, hull[:1]]), _HULL_COLOR, 0.003, up)
     step = max(1, round(0.04 / float(np.diff(recording.t[:2]).sum() or 0.04)))
     rows = np.append(np.arange(0, row, step), row)
-    _draw_path(scene, recording.zmp[rows], _ZMP_COLOR, 0.0035)
-    _draw_path(scene, recording.com[rows, :2], _COM_COLOR, 0.0045)
+    _draw_path(scene, recording.zmp[rows], _ZMP_COLOR, 0.0035, up)
+    _draw_path(scene, recording.com[rows, :2], _COM_COLOR, 0.0045, up)
 
 
-def _draw_print(scene: mujoco.MjvScene, mark: _Print, now: float) -> None:
+def _draw_print(scene: mujoco.MjvScene, mark: _Print, now: float, up: float) -> None:
     """Draw a footprint: filled where the foot stood, its outline where it will."""
     if mark.landed > now:
         outline = np.vstack([mark.corners, mark.corners[:1]])
-        _draw_path(scene, outline, (*_COLORS[mark.side], 0.7), 0.0015)
+        _draw_path(scene, outline, (*_COLORS[mark.side], 0.7), 0.0015, up)
         return
     size = np.array([mark.size[0], mark.size[1], 0.0006])
-    place = np.array([mark.center[0], mark.center[1], 0.0006])
+    bottom = max(0.0, mark.center[2] - mark.size[2])
+    place = np.array([mark.center[0], mark.center[1], bottom + 0.0006])
     rgba = np.array([*_COLORS[mark.side], 0.4], np.float32)
     box, rotation = mujoco.mjtGeom.mjGEOM_BOX, mark.rotation.ravel()
     _add(scene, lambda g: mujoco.mjv_initGeom(g, box, size, place, rotation, rgba))
@@ -463,10 +475,11 @@ def _draw_path(
     points: np.ndarray,
     rgba: tuple[float, float, float, float],
     radius: float,
+    up: float,
 ) -> None:
-    """Draw a path on the floor."""
+    """Draw a path at a height above the floor."""
     kind, color = mujoco.mjtGeom.mjGEOM_CAPSULE, np.array(rgba, np.float32)
-    spots = np.column_stack([points, np.full(len(points), radius)])
+    spots = np.column_stack([points, np.full(len(points), up + radius)])
     for a, b in pairwise(spots):
         if np.isfinite(a + b).all() and (np.abs(a - b) > 1e-4).any():
             geom = _add(

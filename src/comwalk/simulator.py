@@ -379,6 +379,8 @@ def _add_payload(spec: mujoco.MjSpec, robot: Robot, share: float) -> None:
         pos=model.body_ipos[trunk] - _BEHIND * axes[:, 0],
         quat=quat.tolist(),
         mass=mass,
+        ipos=[0.0, 0.0, 0.0],  # MuJoCo would take the body's own place
+        iquat=[1.0, 0.0, 0.0, 0.0],
         inertia=mass / 3.0 * (squares.sum() - squares),
         explicitinertial=True,
     )

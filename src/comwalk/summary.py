@@ -93,9 +93,8 @@ def _robot_figures(log: Log, robot: Robot) -> dict[str, Any]:
     margins = margins if len(margins) else np.array([np.nan])
     turn = yaw_of_quaternion(log["qpos"][-1, 3:7]) - log["heading_ref"][-1]
     speed = np.abs(log["qvel"][:, 6:]) / robot.speed
-    fastest = int(np.argmax(speed.max(axis=0)))
-    torques = np.abs(log["torques_true"])
-    saturated = (torques >= 0.999 * robot.torque).any(axis=1)
+    torque = np.abs(log["torques_true"]) / robot.torque
+    saturated = (torque >= 0.999).any(axis=1)
     return {
         "heading_error_deg": math.degrees(math.remainder(turn, math.tau)),
         "sole_margin_min_mm": _finite(margins.min()),
@@ -105,16 +104,26 @@ def _robot_figures(log: Log, robot: Robot) -> dict[str, Any]:
         "joint_limits_met_pct": 100.0 * float((log["limited"] > 0).mean()),
         "near_singular_pct": 100.0 * float((log["damped"] > 0).mean()),
         "resolution_loss_max": float(log["loss"].max()),
-        "joint_speed_max_pct": float(100.0 * speed.max()),
-        "joint_speed_max_joint": robot.joints[fastest],
+        **_largest_use("joint_speed", speed, robot),
+        **_largest_use("torque", torque, robot),
+    }
+
+
+def _largest_use(name: str, shares: np.ndarray, robot: Robot) -> dict[str, Any]:
+    """Return the largest share of a limit [%] and its joint; shares of (rows, n)."""
+    largest = shares.max(axis=0)
+    j = int(np.argmax(largest))
+    return {
+        f"{name}_max_pct": float(100.0 * largest[j]),
+        f"{name}_max_joint": robot.joints[j],
     }
 
 
 def sole_margins(log: Log, robot: Robot) -> np.ndarray:
     """Return how far inside the stance sole the centre of pressure stays.
 
-    It is the one that the stance foot's own ankle sensor feels, in single support,
-    while the foot bears weight.
+    It is the one that the stance foot's own ankle sensor feels, without noise and
+    delay, in single support, while the foot bears weight.
 
     Args:
         log: The record.
@@ -128,7 +137,7 @@ def sole_margins(log: Log, robot: Robot) -> np.ndarray:
         ((Side.LEFT, Phase.SINGLE_LEFT), (Side.RIGHT, Phase.SINGLE_RIGHT))
     ):
         foot = robot.feet[side]
-        wrenches = log["wrenches"][log["phase"] == phase, k]
+        wrenches = log["wrenches_true"][log["phase"] == phase, k]
         points = _sole_pressure(robot, side, wrenches)
         loaded = wrenches[:, 2] > _LOADED * robot.mass * robot.gravity
         margins.append(_margins(foot.sole, points[loaded]))

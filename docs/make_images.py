@@ -16,6 +16,7 @@ choose_backend()  # before anything imports mujoco
 
 from comwalk.config import (  # noqa: E402
     DanceConfig,
+    Given,
     WalkConfig,
     build_dance,
     build_walk,
@@ -38,7 +39,10 @@ def film_walk(folder: Path) -> None:
     It stands until the arms, which swing from 0.2 s on, are in time with the legs.
     """
     walk = WalkConfig(
-        gait=Gait(stand_time=1.6), steps=6, motion="swing", motion_amplitude=0.4
+        gait=Given(Gait, {"stand_time": 1.6}),
+        steps=6,
+        motion="swing",
+        motion_amplitude=0.4,
     )
     run = build_walk(walk).run()
     if run.scene is None or not run.outcome.ok:

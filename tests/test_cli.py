@@ -1,6 +1,7 @@
 """The command line: exit codes, what is printed, what is written, what is refused."""
 
 import json
+import math
 import subprocess
 import sys
 
@@ -206,6 +207,30 @@ def test_a_dance_reports_how_still_the_com_is(here, capsys):
     assert (here / "d" / "dance.png").stat().st_size > 1000
 
 
+def test_a_dance_that_is_too_large_is_made_to_fit(here, capsys):
+    words = ["--amplitude", "2.4", "--duration", "3", "--out", "d"]
+    assert main(["dance", *words, "--json"]) == 0
+    (note,) = json.loads(capsys.readouterr().out)["settings"]["notes"]
+    assert "l_elbow_pitch moves 0.812 times as far" in note
+    assert main(["replay", "d"]) == 0
+    assert "made to fit" in " ".join(capsys.readouterr().out.split())
+
+
+def test_a_speed_chooses_the_gait_and_is_repeated(here, capsys):
+    words = ["walk", "--plant", "pendulum", "--json", "--steps", "2"]
+    assert main([*words, "--speed", "0.3", "--turn", "5"]) == 0
+    settings = json.loads(capsys.readouterr().out)["settings"]
+    assert settings["config"]["speed"] == 0.3
+    first, second = settings["plan"]["steps"][:2]
+    period = first["single_support"] + first["double_support"]
+    assert second["x"] / (2 * period) == pytest.approx(0.3, rel=0.05)
+    assert second["yaw"] == pytest.approx(2 * period * math.radians(5), rel=0.01)
+    (folder,) = (here / "runs").iterdir()
+    summary = str(folder / "summary.json")
+    assert main(["walk", "--config", summary, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out)["settings"]["plan"] == settings["plan"]
+
+
 def test_the_figures_of_a_dance_are_the_largest_distances():
     from comwalk.summary import dance_figures
 
@@ -298,7 +323,8 @@ def test_help_explains_every_flag_with_its_unit(capsys, monkeypatch):
         *("--simulator.friction", "--body.feedback", "--push", "--config", "--seed"),
         *(
             "Time of one step, T [s], in [0.3, 10]",
-            "(default 3, 1.8)",
+            "(default: the robot's; paper 3, 1.8)",
+            "Turning speed [deg/s], left positive",
             "k_p (x, y) [1/s]",
         ),
     ):
@@ -470,7 +496,14 @@ WRONG_WORDS = [
     ("walk --motion binary.xml", ".csv or .npz"),
     ("walk --motion paper --motion-amplitude 9", "motion_amplitude"),
     ("walk --motion paper --motion-frequency nan", "motion_frequency"),
-    ("walk --motion paper --motion-amplitude 2.4", "its limit is"),
+    ("walk --speed 9", "speed must be a number in [-0.8, 0.8] m/s, got 9"),
+    ("walk --speed abc", "--speed"),
+    ("walk --speed nan", "speed must be"),
+    ("walk --speed 0.2 --gait.half-step 0.1", "give speed or gait.half_step"),
+    ("walk --turn 90", "that is +-68.8 deg/s"),
+    ("walk --turn 9 --gait.turn 0.1", "give turn or gait.turn"),
+    ("walk --side -5", "side must be a number in [-0.2, 0.2] m/s"),
+    ("walk --plan key.toml --speed 0.1", "speed does nothing with a plan"),
     ("walk --out file", "File exists"),
     ("walk --out file/x", "Not a directory"),
     ("walk --out /proc/x", "/proc/x"),

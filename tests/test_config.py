@@ -2,16 +2,21 @@
 
 import json
 import math
+from dataclasses import replace
+from types import MappingProxyType
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from robots import paper
 
 from comwalk.config import (
     DanceConfig,
+    Given,
     PatternConfig,
     WalkConfig,
+    _builtin,
     build_dance,
     build_walk,
     command_line,
@@ -22,9 +27,15 @@ from comwalk.config import (
     read_table,
     table_of,
 )
+from comwalk.control import Gains
+from comwalk.defaults import default_gait
 from comwalk.errors import ComwalkError, MotionError, ParameterError, PlanError
-from comwalk.footsteps import Gait, Side
-from comwalk.pattern import Phase
+from comwalk.footsteps import Foothold, FootstepPlan, Gait, Side
+from comwalk.motion import prepare_motion
+from comwalk.pattern import Phase, make_pattern
+from comwalk.pendulum import Pendulum
+from comwalk.settings import Control
+from comwalk.whole_body import WholeBody
 
 
 def write(path, text):
@@ -35,8 +46,12 @@ def write(path, text):
 def test_defaults_are_the_papers():
     config = make_config(WalkConfig)
     assert config == WalkConfig()
-    assert (config.steps, config.gait, config.robot) == (20, Gait(), "paper")
-    assert config.gains.walking == ((3.0, 1.8), (6.6, 3.8))
+    assert (config.steps, config.robot) == (20, "paper")
+    setup = build_walk(config)
+    step = setup.pattern.plan.steps[1]
+    assert (step.x, step.y, step.single_support) == pytest.approx((0.4, 0.09, 0.8))
+    assert setup.pattern.pendulum == Pendulum()
+    assert setup.control == Control()
 
 
 def test_a_file_gives_every_kind_of_value(tmp_path):
@@ -61,9 +76,9 @@ def test_a_file_gives_every_kind_of_value(tmp_path):
     config = make_config(WalkConfig, file=write(tmp_path / "walk.toml", text))
     assert (config.steps, config.stiffness, config.motion) == (4, 2, "wave")
     assert config.motion_amplitude == 0.3
-    assert (config.gait.half_step, config.gait.double_support) == (0.05, "minjerk")
-    assert config.gains.walking == ((2.0, 2.0), (5.0, 4.5))
-    assert config.control.zmp_cutoff is None
+    assert config.gait.values == {"half_step": 0.05, "double_support": "minjerk"}
+    assert config.gains.values == {"zmp": (2.0, 2.0), "com": (5.0, 4.5)}
+    assert config.control.values == {"zmp_cutoff": None}
     assert config.body.deflection_compensation is False
     assert [push.start for push in config.physics.pushes] == [1.0, 2.0]
 
@@ -71,12 +86,14 @@ def test_a_file_gives_every_kind_of_value(tmp_path):
 def test_flags_win_over_the_file(tmp_path):
     file = write(tmp_path / "w.toml", "steps = 4\n[gait]\nperiod = 2\nhalf_step = 0.05")
     config = make_config(WalkConfig, {"steps": 6, "gait": {"period": 1.5}}, file)
-    assert (config.steps, config.gait.period, config.gait.half_step) == (6, 1.5, 0.05)
+    assert config.steps == 6
+    assert config.gait.values == {"period": 1.5, "half_step": 0.05}
 
 
 def test_a_value_of_the_file_may_be_mended_by_a_flag(tmp_path):
     file = write(tmp_path / "w.toml", "[gait]\nperiod = 100")
-    assert make_config(WalkConfig, {"gait": {"period": 1.2}}, file).gait.period == 1.2
+    config = make_config(WalkConfig, {"gait": {"period": 1.2}}, file)
+    assert config.gait.values == {"period": 1.2}
 
 
 @pytest.mark.parametrize(
@@ -168,7 +185,7 @@ def test_a_run_can_be_repeated_from_its_summary(tmp_path, cutoff):
     document = {"settings": {"config": table_of(config)}}
     file = write(tmp_path / "summary.json", json.dumps(document, allow_nan=False))
     again = make_config(DanceConfig, file=file)
-    assert again.control.zmp_cutoff is None
+    assert again.control.values["zmp_cutoff"] is None
     assert again.speed == 0.5
 
 
@@ -273,6 +290,111 @@ def test_the_pendulum_needs_no_robot():
     assert 0.0 < max(np.abs(setup.disturbance(t)[0]).max() for t in times) <= 0.05
 
 
+def test_only_what_was_given_is_kept():
+    """So that a table repeats on another robot what the user asked for."""
+    config = make_config(WalkConfig, {"gains": {"zmp": 2.0}, "speed": 0.3})
+    table = table_of(config)
+    assert table["gains"] == {"zmp": [2.0, 2.0]}
+    assert table["gait"] == table["control"] == table["pendulum"] == {}
+    assert table["speed"] == 0.3
+    assert config.gains.over(Gains(com=9.0)) == Gains(zmp=2.0, com=9.0)
+
+
+def test_a_given_number_is_checked_alone():
+    """Against its own range; against the robot's other numbers when it is built."""
+    assert Given(Gait, {"transfer_time": 0.6}).values == {"transfer_time": 0.6}
+    with pytest.raises(ParameterError, match="transfer_time"):
+        Given(Gait, {"transfer_time": 6.0})
+    with pytest.raises(ParameterError, match=r"^gait.transfer_time must be"):
+        build_walk(WalkConfig(gait=Given(Gait, {"transfer_time": 0.6})))
+
+
+def other(monkeypatch, **changes):
+    """Let the commands load a robot that is the paper's with some changes."""
+    from comwalk import robot
+
+    changed = replace(paper(), **changes)
+    monkeypatch.setattr(robot, "load_robot", lambda *a, **k: changed)
+
+
+def test_what_is_not_given_comes_from_the_robot(monkeypatch, tmp_path):
+    """A robot that stands lower has a lower pendulum, and walks quicker."""
+    home = WholeBody(paper(), 0.002)
+    plan = FootstepPlan(left=Foothold(0, 0.12), right=Foothold(0, -0.12))
+    home.start(make_pattern(plan, Pendulum(height=0.55)).at(0.0))
+    other(monkeypatch, home=home.configuration)
+    setup = build_walk(WalkConfig(steps=2))
+    r = 0.55 / 0.687
+    gait = default_gait(setup.robot)
+    assert setup.pattern.pendulum.height == pytest.approx(0.55)
+    assert setup.pattern.plan.left.y == pytest.approx(0.12)
+    step = setup.pattern.plan.steps[0]
+    assert step.single_support == pytest.approx(0.8 * math.sqrt(r), rel=1e-3)
+    assert setup.control.gains.zmp[0] == pytest.approx(3.0 / math.sqrt(r), rel=1e-3)
+    assert build_dance(DanceConfig()).pattern.plan.left.y == pytest.approx(0.12)
+    file = write(tmp_path / "p.toml", "[[segment]]\nsteps = 2\nhalf_step = 0.03")
+    step = build_walk(WalkConfig(plan=str(file))).pattern.plan.steps[0]
+    assert step.x == pytest.approx(0.06)
+    assert step.swing_height == gait.swing_height == pytest.approx(0.04 * r, rel=1e-3)
+
+
+def test_a_built_in_dance_is_made_to_fit(monkeypatch):
+    """A narrow joint moves less, a slow one slows all; both show in the notes."""
+    j = paper().joints.index("r_elbow_pitch")
+    k = paper().joints.index("l_shoulder_roll")
+    lower, speed = paper().lower.copy(), paper().speed.copy()
+    lower[j], speed[k] = paper().home[7 + j] - 0.1, 0.5
+    other(monkeypatch, lower=lower, speed=speed)
+    setup = build_dance(DanceConfig(amplitude=0.5, frequency=0.5))
+    assert setup.motion is not None
+    times = np.linspace(0, 10, 2001)
+    q, dq = (np.array(x) for x in zip(*map(setup.motion.at, times), strict=True))
+    names = {n: i for i, n in enumerate(setup.motion.joints)}
+    moved = np.ptp(q, axis=0)
+    elbows = moved[names["r_elbow_pitch"]] / moved[names["l_elbow_pitch"]]
+    assert elbows == pytest.approx(0.2, abs=1e-3)
+    assert 0.47 < np.abs(dq[:, names["l_shoulder_roll"]]).max() <= 0.5
+    robot = setup.robot
+    assert robot is not None
+    prepare_motion(
+        setup.motion.motion,
+        allowed=robot.upper_body,
+        limits=robot.joint_limits,
+        home=robot.home_angles,
+    )
+    (note,) = setup.notes
+    assert "r_elbow_pitch moves 0.2 times as far" in note
+    assert "times as fast" in note
+
+
+def test_a_dance_uses_the_joints_of_the_roles(monkeypatch):
+    """Roles of other names and other senses of rotation."""
+
+    class Other:
+        roles = MappingProxyType({"l_elbow_pitch": "r_wrist_roll", "head_yaw": "no"})
+        signs = MappingProxyType({"r_wrist_roll": -1.0})
+
+        def __getattr__(self, name):
+            return getattr(paper(), name)
+
+    motion = _builtin(Other(), "paper", {"amplitude": 0.5})
+    assert motion.joints == ("r_wrist_roll",)
+    j = paper().joints.index("r_wrist_roll")
+    assert np.ptp(motion.positions) == pytest.approx(0.5)
+    assert motion.positions.max() == pytest.approx(paper().home[7 + j] + 0.5)
+
+
+def test_a_profile_is_given_to_the_loader(monkeypatch):
+    from comwalk import robot
+
+    def load(source, **options):
+        assert options == {"stiffness": 1.0, "profile": "mine.toml"}
+        return paper()
+
+    monkeypatch.setattr(robot, "load_robot", load)
+    build_walk(WalkConfig(profile="mine.toml"))
+
+
 def test_a_plan_comes_from_its_file(tmp_path):
     file = write(tmp_path / "p.toml", "[[segment]]\nsteps = 2\n[[segment]]\nsteps = 3")
     assert build_walk(WalkConfig(plan=str(file))).pattern.plan.count == 5
@@ -339,7 +461,7 @@ def test_limits_are_the_robots():
 )
 def test_what_does_not_go_together_is_refused(values, error):
     with pytest.raises(error):
-        build_walk(make_config(WalkConfig, {"steps": 2, **values}))
+        build_walk(make_config(WalkConfig, {"steps": 2, **values})).run()
 
 
 @pytest.mark.parametrize(

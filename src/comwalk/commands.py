@@ -49,7 +49,7 @@ _PatternFlags = flags_of(PatternConfig)
 
 _Robot = Annotated[
     str | None,
-    Parameter(help="Built-in robot, or path of an MJCF file (default paper)."),
+    Parameter(help="Robot of `comwalk robots`, or path of a URDF or MJCF file."),
 ]
 _File = Annotated[
     Path | None,
@@ -291,8 +291,9 @@ def _perform(settings: RobotConfig, setup: Setup, command: str, words: str) -> i
             path.rmdir()
         raise
     table = table_of(dataclasses.replace(settings, out=None, json=False))
-    notes = {"command": words, "config": table, "out": str(folder)}
-    run = dataclasses.replace(run, settings={**run.settings, **notes})
+    made = {"command": words, "config": table, "out": str(folder)}
+    made["notes"] = list(setup.notes)
+    run = dataclasses.replace(run, settings={**run.settings, **made})
     run.save(folder)
     summary = run.summary()
     _print_json(summary) if settings.json else _print_summary(summary, folder)
@@ -399,6 +400,7 @@ def _summary_rows(s: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "sole margin", _text(s, "sole_margin_p5_mm", "{:.0f} mm in 95 %") + least
     yield "torque saturation", _text(s, "torque_saturation_pct", "{:.1f} % of the time")
     yield "speed", f"{s['real_time_factor']:.1f} x real time"
+    yield "note", "; ".join(s["settings"].get("notes", ()))
     p50, p99 = s["tick_us_p50"], s["tick_us_p99"]
     yield "tick", f"{p50:.0f} us median, {p99:.0f} us 99th percentile"
 

@@ -2,8 +2,9 @@
 
 A configuration is a frozen dataclass; its fields are the flags of the command line and
 the keys of a TOML file alike (`--gait.half-step 0.08`, or `half_step = 0.08` under
-`[gait]`). Flags win over the file. The `build` functions turn a configuration into a
-robot, a pattern, a motion and settings, and check them together.
+`[gait]`). Flags win over the file, and over what suits the robot, which is what all
+numbers are that nobody gave. The `build` functions turn a configuration into a robot, a
+pattern, a motion and settings, and check them together.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from pathlib import Path
 from typing import (
     TYPE_CHECKING,
     Any,
+    Generic,
     Literal,
     TypeVar,
     get_args,
@@ -33,7 +35,6 @@ from .control import ControlSettings, Gains
 from .dances import builtin_motion
 from .errors import ComwalkError, MotionError, ParameterError, checked_number, nearest
 from .footsteps import (
-    PAPER_SOLE,
     Foothold,
     FootstepPlan,
     Gait,
@@ -41,7 +42,16 @@ from .footsteps import (
     load_plan,
     plan_steps,
 )
-from .motion import EmbeddedMotion, Motion, embed_in, prepare_motion, renamed, scaled
+from .motion import (
+    EmbeddedMotion,
+    Motion,
+    embed_in,
+    fitted,
+    placed,
+    prepare_motion,
+    renamed,
+    scaled,
+)
 from .motion_files import load_motion
 from .pattern import Pattern, make_pattern
 from .pendulum import Pendulum
@@ -62,22 +72,64 @@ _UNSEEN = {(SimulatorSettings, "pushes")}  # given by `push` instead
 
 # ---- Configurations ---------------------------------------------------------------
 
+Part = TypeVar("Part", Gait, Pendulum, Gains, ControlSettings)
+"""What a robot has defaults for."""
+
+
+@dataclass(frozen=True)
+class Given(Generic[Part]):
+    """The numbers of a part that a user gave; the robot's defaults are the others."""
+
+    kind: type[Part]
+    """The part."""
+    values: Mapping[str, Any] = field(default_factory=dict)
+    """Values by the name of the part's field."""
+
+    def __post_init__(self) -> None:
+        """Check the values; store them as the part does.
+
+        Raises:
+            ParameterError: If a value is out of range.
+        """
+        part = self.kind(**{**_UNBOUND.get(self.kind, {}), **self.values})
+        values = {name: getattr(part, name) for name in self.values}
+        object.__setattr__(self, "values", values)
+
+    def over(self, defaults: Part) -> Part:
+        """Return the defaults with the given values in their place.
+
+        Args:
+            defaults: The part as it suits the robot.
+
+        Returns:
+            The whole part.
+        """
+        return dataclasses.replace(defaults, **self.values)
+
+
+# Bounds of one another, so that each can be checked alone.
+_UNBOUND: dict[Any, Mapping[str, Any]] = {
+    Gait: {"period": 10.0, "transfer_time": 0.005}
+}
+
 
 @dataclass(frozen=True, kw_only=True)
 class RobotConfig:
     """What all commands that move a robot share. Abstract."""
 
     robot: str = "paper"
-    """Built-in robot, or path of an MJCF file with REP-120 frames."""
-    gains: Gains = field(default_factory=Gains)
+    """Robot of `comwalk robots`, or path of a URDF or MJCF file."""
+    profile: str | None = None
+    """TOML file that tells what cannot be seen in the robot's file."""
+    gains: Given[Gains] = Given(Gains)
     """Gains of the walking control law."""
-    control: ControlSettings = field(default_factory=ControlSettings)
+    control: Given[ControlSettings] = Given(ControlSettings)
     """Filter, delay and bounds of the controller."""
     body: BodySettings = field(default_factory=BodySettings)
     """How the whole body follows its commands."""
     simulator: SimulatorSettings = field(default_factory=SimulatorSettings)
     """Physics."""
-    pendulum: Pendulum = field(default_factory=Pendulum)
+    pendulum: Given[Pendulum] = Given(Pendulum)
     """The simplified model."""
     stiffness: float = 1.0
     """Factor on the stiffness of all servos, in (0, 100]."""
@@ -112,16 +164,6 @@ class RobotConfig:
         pushes = tuple(parse_push(text) for text in self.push)
         return dataclasses.replace(self.simulator, pushes=pushes)
 
-    @property
-    def controller(self) -> Control:
-        """The controller's settings."""
-        return Control(
-            gains=self.gains,
-            settings=self.control,
-            body=self.body,
-            period=float(self.period),
-        )
-
 
 @dataclass(frozen=True, kw_only=True)
 class WalkConfig(RobotConfig):
@@ -131,8 +173,16 @@ class WalkConfig(RobotConfig):
     """Number of steps, in [1, 100000]; a plan has its own."""
     plan: str | None = None
     """TOML file of footsteps to walk instead of a regular gait."""
-    gait: Gait = field(default_factory=Gait)
+    speed: float | None = None
+    """Forward speed [m/s], negative backward; chooses step and time of the gait."""
+    side: float | None = None
+    """Sideways speed [m/s], left positive; chooses step and time of the gait."""
+    turn: float | None = None
+    """Turning speed [deg/s], left positive; chooses step and time of the gait."""
+    gait: Given[Gait] = Given(Gait)
     """The regular walk."""
+    force: bool = False
+    """Walk even what the robot is not able to, as `comwalk check` tells."""
     plant: Literal["robot", "pendulum"] = "robot"
     """What walks: the robot in full physics, or the simplified model of Eq. (30)."""
     disturbance: tuple[float, float] | None = None
@@ -160,6 +210,10 @@ class WalkConfig(RobotConfig):
         """
         super().__post_init__()
         checked_count("steps", self.steps, 1, 100_000)
+        for name, unit in (("speed", "m/s"), ("side", "m/s"), ("turn", "deg/s")):
+            value = getattr(self, name)
+            if value is not None:
+                checked_number(name, value, unit=unit, low=-360, high=360)
         _check_dance(self, "motion_")
         if self.disturbance is not None:
             for name, value, unit in zip("ab", self.disturbance, _RATES, strict=True):
@@ -214,8 +268,9 @@ class DanceConfig(RobotConfig):
     """Factor on the speed of the dance, in [0.001, 1000]."""
     blend: float = 1.0
     """Time to blend the dance in, and to blend it out [s], above 0."""
-    half_width: float = 0.09
-    """Half of the distance between both feet [m], in [0.02, 0.4]."""
+    half_width: float | None = None
+    """Half of the distance between both feet [m], in [0.02, 0.4]; as in the robot's
+    home posture if not given."""
 
     def __post_init__(self) -> None:
         """Check what no other dataclass checks.
@@ -227,8 +282,9 @@ class DanceConfig(RobotConfig):
         if self.duration is not None:
             checked_number("duration", self.duration, unit="s", low=1, high=3600)
         _check_dance(self, "")
-        width = self.half_width
-        checked_number("half_width", width, unit="m", low=0.02, high=0.4)
+        if self.half_width is not None:
+            width = self.half_width
+            checked_number("half_width", width, unit="m", low=0.02, high=0.4)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -314,8 +370,8 @@ def make_config(
             the wrong type or out of range; the message names file and key.
 
     Example:
-        >>> make_config(WalkConfig, {"gait": {"half_step": 0.05}}).gait.half_step
-        0.05
+        >>> make_config(WalkConfig, {"gait": {"half_step": 0.05}}).gait.values
+        {'half_step': 0.05}
     """
     written = {} if file is None else read_table(file)
     return _construct(kind, written, given or {}, str(file), "")
@@ -371,13 +427,26 @@ def fields_of(kind: Any) -> dict[str, Any]:
     return {n: hints[n] for n in names if (kind, n) not in _UNSEEN}
 
 
+def part_of(hint: Any) -> Any:
+    """Return the part of which a field holds given values.
+
+    Args:
+        hint: Type of the field.
+
+    Returns:
+        The dataclass of the part; None if the field is no `Given`.
+    """
+    return get_args(hint)[0] if get_origin(hint) is Given else None
+
+
 def _construct(kind: Any, written: Any, given: Table, file: str, prefix: str) -> Any:
     """Return a dataclass from the table of a file and from flags."""
-    hints = fields_of(kind)
+    part = part_of(kind)
+    hints = fields_of(part or kind)
     _check_keys(written, hints, file, prefix)
     values: dict[str, Any] = {}
     for name, hint in hints.items():
-        if dataclasses.is_dataclass(hint):
+        if part_of(hint) or dataclasses.is_dataclass(hint):
             tables = written.get(name, {}), given.get(name, {})
             values[name] = _construct(hint, *tables, file, f"{prefix}{name}.")
         elif name in given:
@@ -387,7 +456,7 @@ def _construct(kind: Any, written: Any, given: Table, file: str, prefix: str) ->
             where = f"{file}: {prefix}{name}"
             values[name] = _typed(written[name], hint, where)
     try:
-        return kind(**values)
+        return kind(**values) if part is None else Given(part, values)
     except ComwalkError as error:
         text = _located(str(error), hints, set(written) - set(given), file, prefix)
         raise type(error)(text) from None
@@ -483,22 +552,25 @@ def table_of(config: Any) -> dict[str, Any]:
         >>> table_of(PatternConfig())["pendulum"]
         {'height': 0.687, 'gravity': 9.81}
     """
-    table: dict[str, Any] = {}
-    for name in fields_of(type(config)):
-        value = getattr(config, name)
-        if dataclasses.is_dataclass(value):
-            table[name] = table_of(value)
-        elif isinstance(value, tuple):
-            table[name] = list(value)
-        elif value is None:
-            default = getattr(type(config), name, None)
-            if default is not None:
-                table[name] = "none"
-        elif isinstance(value, float) and not math.isfinite(value):
-            table[name] = "none"
-        else:
-            table[name] = value
-    return table
+    names = fields_of(type(config))
+    values = {name: getattr(config, name) for name in names}
+    return {
+        name: _tabled(value)
+        for name, value in values.items()
+        if value is not None or getattr(type(config), name, None) is not None
+    }
+
+
+def _tabled(value: Any) -> Any:
+    """Return a value as TOML and JSON can hold it; what is not finite means none."""
+    if isinstance(value, Given):
+        return {name: _tabled(v) for name, v in value.values.items()}
+    if dataclasses.is_dataclass(value):
+        return table_of(value)
+    if isinstance(value, tuple):
+        return list(value)
+    infinite = isinstance(value, float) and not math.isfinite(value)
+    return "none" if value is None or infinite else value
 
 
 def command_line(command: str, given: Table, file: str | Path | None = None) -> str:
@@ -564,6 +636,10 @@ class Setup:
     """Disturbance of the simplified model."""
     seed: int = 0
     """Seed of the sensor noise."""
+    force: bool = False
+    """Whether to walk what the robot is not able to."""
+    notes: tuple[str, ...] = ()
+    """What was changed so that the parts go together."""
 
     def run(self, progress: Callable[[float], None] | None = None) -> Run:
         """Simulate it, with the robot or with the simplified model.
@@ -593,6 +669,7 @@ class Setup:
             motion=self.motion,
             physics=self.physics,
             seed=self.seed,
+            force=self.force,
             progress=progress,
         )
 
@@ -610,34 +687,27 @@ def build_walk(config: WalkConfig) -> Setup:
         ComwalkError: If they do not exist, or do not go together.
     """
     _refuse_idle(config)
-    robot = None if config.plant == "pendulum" else _load(config)
-    plan = _plan(config, robot)
-    pattern = make_pattern(plan, config.pendulum)
-    motion = None
-    if robot is not None and config.motion is not None:
-        clip = _clip(
-            robot,
-            config.motion,
-            config.motion_amplitude,
-            config.motion_frequency,
-            config.motion_scale,
-            config.motion_speed,
-            "motion_",
-        )
-        motion = _embedded(robot, clip, pattern.duration, config.motion_blend)
-    setup = _checked(config, robot, pattern, motion)
-    if config.disturbance is None:
-        return setup
-    a, b = config.disturbance
-    eps = random_bounded(a, b, config.seed, duration=pattern.duration)
-    return dataclasses.replace(setup, disturbance=eps)
+    robot = _load(config)
+    pendulum = _pendulum(config, robot)
+    pattern = make_pattern(_plan(config, robot), pendulum)
+    setup = _setup(config, robot, pattern)
+    if config.plant == "pendulum":
+        setup = dataclasses.replace(setup, robot=None)
+    if config.motion is not None:
+        setup = _dancing(setup, config, "motion_")
+    if config.disturbance is not None:
+        a, b = config.disturbance
+        eps = random_bounded(a, b, config.seed, duration=pattern.duration)
+        setup = dataclasses.replace(setup, disturbance=eps)
+    return dataclasses.replace(setup, force=config.force)
 
 
 def _refuse_idle(config: WalkConfig) -> None:
     """Refuse settings that would do nothing, since a user expects them to."""
     default, idle = WalkConfig(), {}
     if config.plan is not None:
-        idle |= dict.fromkeys(("steps", "gait"), "with a plan, which holds its own")
+        own = ("steps", "gait", "speed", "side", "turn")
+        idle |= dict.fromkeys(own, "with a plan, which holds its own")
     if config.motion is None:
         numbers = ("amplitude", "frequency", "scale", "speed")
         idle |= dict.fromkeys([f"motion_{n}" for n in numbers], "without a motion")
@@ -658,114 +728,158 @@ def build_dance(config: DanceConfig) -> Setup:
     Raises:
         ComwalkError: If they do not exist, or do not go together.
     """
+    from .defaults import default_gait, sole_size
+
     robot = _load(config)
-    clip = _clip(
-        robot,
-        config.motion,
-        config.amplitude,
-        config.frequency,
-        config.scale,
-        config.speed,
-        "",
-    )
     duration = config.duration
     if duration is None:
+        clip = _clip(robot, config, "")
         once = clip.duration + 2 * _REST
         duration = _DANCE_TIME if clip.loops else min(max(once, 1.0), 3600.0)
     A = config.half_width
+    A = default_gait(robot).half_width if A is None else A
     plan = FootstepPlan(
         left=Foothold(0.0, A),
         right=Foothold(0.0, -A),
         stand_time=duration / 2,
-        sole_size=_sole_size(robot),
+        sole_size=sole_size(robot),
     )
-    pattern = make_pattern(plan, config.pendulum)
-    motion = _embedded(robot, clip, pattern.duration, config.blend)
-    return _checked(config, robot, pattern, motion)
+    pattern = make_pattern(plan, _pendulum(config, robot))
+    return _dancing(_setup(config, robot, pattern), config, "")
 
 
 def _load(config: RobotConfig) -> Robot:
     """Return the robot."""
     from .robot import load_robot
 
-    return load_robot(config.robot, stiffness=config.stiffness)
+    options = {} if config.profile is None else {"profile": config.profile}
+    return load_robot(config.robot, stiffness=config.stiffness, **options)
 
 
-def _checked(
-    config: RobotConfig,
-    robot: Robot | None,
-    pattern: Pattern,
-    motion: EmbeddedMotion | None,
-) -> Setup:
-    """Return a setup whose gains are stable and whose feet are in reach."""
-    if robot is not None:
-        from .reach import check_reach
+def _pendulum(config: RobotConfig, robot: Robot) -> Pendulum:
+    """Return the simplified model of a robot, with what was given of it."""
+    from .defaults import default_pendulum
 
-        check_reach(robot, pattern)
-    control = config.controller
+    return config.pendulum.over(default_pendulum(robot))
+
+
+def _setup(config: RobotConfig, robot: Robot, pattern: Pattern) -> Setup:
+    """Return a setup without motion."""
+    from .defaults import default_control_settings, default_gains
+
+    gains, period = config.gains.over(default_gains(robot)), float(config.period)
+    settings = default_control_settings(
+        robot, gains, pendulum=pattern.pendulum, period=period
+    )
+    control = Control(
+        gains=gains,
+        settings=config.control.over(settings),
+        body=config.body,
+        period=period,
+    )
     control.check(pattern)
     return Setup(
         robot=robot,
         pattern=pattern,
-        motion=motion,
+        motion=None,
         control=control,
         physics=config.physics,
         seed=config.seed,
     )
 
 
-def _sole_size(robot: Robot | None) -> tuple[float, float]:
-    """Return the length and width of a robot's soles [m]."""
-    if robot is None:
-        return PAPER_SOLE
-    corners = next(iter(robot.feet.values())).sole
-    length, width = (corners.max(axis=0) - corners.min(axis=0)).round(9).tolist()
-    return length, width
-
-
-def _plan(config: WalkConfig, robot: Robot | None) -> FootstepPlan:
+def _plan(config: WalkConfig, robot: Robot) -> FootstepPlan:
     """Return the footsteps, from the file or regular ones."""
-    size = _sole_size(robot)
-    if config.plan is None:
-        return plan_steps(config.gait, config.steps, sole_size=size)
-    plan = load_plan(config.plan)
-    if plan.sole_size == PAPER_SOLE:
-        plan = dataclasses.replace(plan, sole_size=size)
-    return plan
+    from .defaults import default_gait, sole_size
+
+    size = sole_size(robot)
+    if config.plan is not None:
+        return load_plan(config.plan, gait=default_gait(robot), sole_size=size)
+    return plan_steps(_gait(config, robot), config.steps, sole_size=size)
 
 
-def _clip(
-    robot: Robot,
-    source: str,
-    amplitude: float | None,
-    frequency: float | None,
-    scale: float,
-    speed: float,
-    prefix: str,
-) -> Motion:
-    """Return the motion that a robot can play, checked against its limits."""
-    home = robot.home_angles
-    if is_motion_file(source):
-        for name, value in (("amplitude", amplitude), ("frequency", frequency)):
-            other = "scale" if name == "amplitude" else "speed"
-            if value is not None:
-                raise MotionError(
-                    f"{prefix}{name} is for built-in dances; a file is changed by "
-                    f"{prefix}{other}"
-                )
-        motion = load_motion(source, robot_joints=robot.joints)
-    else:
-        given = {"amplitude": amplitude, "frequency": frequency}
-        options = {k: v for k, v in given.items() if v is not None}
-        motion = builtin_motion(source, home=home, **options)
-        motion = renamed(motion, {j: j for j in robot.upper_body})
+def _gait(config: WalkConfig, robot: Robot) -> Gait:
+    """Return the regular gait of a robot, with what was given of it."""
+    from .defaults import default_gait
+
+    given, turn = dict(config.gait.values), config.turn
+    step = {name: given.pop(name) for name in ("turn",) if name in given}
+    if step and turn is not None:
+        raise ParameterError("give turn or gait.turn, not both")
+    try:
+        gait = default_gait(
+            robot,
+            speed=config.speed,
+            side=config.side,
+            turn=None if turn is None else math.radians(turn),
+            **given,
+        )
+        return dataclasses.replace(gait, **step)
+    except ParameterError as error:
+        text = _located(str(error), given, set(), "", "gait.")
+        raise ParameterError(text) from None
+
+
+def _dancing(setup: Setup, config: WalkConfig | DanceConfig, prefix: str) -> Setup:
+    """Return a setup with the motion of the upper body, within the robot's limits.
+
+    The blends of a file are checked; a built-in dance is made to fit.
+    """
+    robot = setup.robot
+    if robot is None:
+        return setup
+    clip = _clip(robot, config, prefix)
+    limits, end = robot.joint_limits, setup.pattern.duration - _REST
+    known = is_motion_file(_option(config, "motion"))
+    embedded = embed_in(
+        clip,
+        robot.home_angles,
+        start=_REST,
+        stop=end if clip.loops else min(end, _REST + clip.duration),
+        blend=_option(config, prefix + "blend"),
+        limits=limits if known else None,
+    )
+    embedded, notes = (embedded, ()) if known else fitted(embedded, limits)
+    if notes:
+        notes = (f"the dance is made to fit the robot: {', '.join(notes)}",)
+    return dataclasses.replace(setup, motion=embedded, notes=notes)
+
+
+def _option(config: WalkConfig | DanceConfig, name: str) -> Any:
+    """Return a value of a dance, which a walk calls motion_..."""
+    return getattr(config, name)
+
+
+def _clip(robot: Robot, config: WalkConfig | DanceConfig, prefix: str) -> Motion:
+    """Return the motion that a robot can play; that of a file is within its limits."""
+    source = _option(config, "motion")
+    factors = [_option(config, prefix + name) for name in ("scale", "speed")]
+    given = {n: _option(config, prefix + n) for n in ("amplitude", "frequency")}
+    given = {name: value for name, value in given.items() if value is not None}
+    home, dancing = robot.home_angles, robot.upper_body
+    if not is_motion_file(source):
+        return scaled(_builtin(robot, source, given), *factors, about=home)
+    for name, other in (("amplitude", "scale"), ("frequency", "speed")):
+        if name in given:
+            raise MotionError(
+                f"{prefix}{name} is for built-in dances; a file is changed by "
+                f"{prefix}{other}"
+            )
     return prepare_motion(
-        scaled(motion, scale, speed, about=home),
-        allowed=robot.upper_body,
-        ignored=[j for j in robot.joints if j not in robot.upper_body],
+        scaled(load_motion(source, robot_joints=robot.joints), *factors, about=home),
+        allowed=dancing,
+        ignored=[j for j in robot.joints if j not in dancing],
         limits=robot.joint_limits,
         home=home,
     )
+
+
+def _builtin(robot: Robot, name: str, options: Mapping[str, Any]) -> Motion:
+    """Return a built-in dance of the joints that a robot has."""
+    roles = getattr(robot, "roles", None) or {j: j for j in robot.upper_body}
+    roles = {role: joint for role, joint in roles.items() if joint in robot.upper_body}
+    motion = renamed(builtin_motion(name, **options), roles)
+    return placed(motion, robot.home_angles, getattr(robot, "signs", None))
 
 
 def is_motion_file(source: str) -> bool:
@@ -778,20 +892,3 @@ def is_motion_file(source: str) -> bool:
         Whether it has the ending or the look of a path.
     """
     return "/" in source or os.sep in source or bool(Path(source).suffix)
-
-
-def _embedded(
-    robot: Robot, motion: Motion, duration: float, blend: float
-) -> EmbeddedMotion:
-    """Return the motion blended in and out of the home posture."""
-    stop = duration - _REST
-    if not motion.loops:
-        stop = min(stop, _REST + motion.duration)
-    return embed_in(
-        motion,
-        robot.home_angles,
-        start=_REST,
-        stop=stop,
-        blend=blend,
-        limits=robot.joint_limits,
-    )

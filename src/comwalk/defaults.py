@@ -268,12 +268,11 @@ def _steps_at(
     for name, value in wanted.items():
         label, unit, count = _SPEEDS[name]
         if name in changes:
-            raise ParameterError(
-                f"{label} decides gait.{name}; give one of them, not both"
-            )
+            raise ParameterError(f"give {label} or gait.{name}, not both")
         slowest = count * usual[name] / natural.period
         high = _floored(MAX_HASTE * slowest)
-        v = checked_number(label, value, unit=unit, low=-high, high=high)
+        hint = f"that is +-{math.degrees(high):.3g} deg/s" if name == "turn" else ""
+        v = checked_number(label, value, unit=unit, low=-high, high=high, hint=hint)
         haste = max(haste, abs(v) / slowest)
     T = _digits(natural.period * haste ** (STEP_EXPONENT - 1.0))
     T = checked_number("period", changes.get("period", T), unit="s")

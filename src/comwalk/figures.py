@@ -12,6 +12,7 @@ import numpy as np
 
 from .config import DanceConfig, Setup, WalkConfig, build_dance, build_walk
 from .errors import RunError
+from .footsteps import PAPER_GAIT
 from .pattern import Pattern, Phase, transfer_zmp
 from .plot import Row, plot_arms, plot_dance, plot_pattern, plot_run
 from .run import Run, prepare_folder
@@ -98,7 +99,7 @@ def pattern_quantities(pattern: Pattern) -> list[Quantity]:
         omega_n, T, t_d, A, B, and K_x, K_y beside Eqs. (8) and (13) at the paper's
         omega_n.
     """
-    gait = WalkConfig().gait
+    gait = PAPER_GAIT
     K_x, K_y = transfer_zmp(gait, PAPER_OMEGA)
     spans = [s for s in pattern.phases if s.phase in _SINGLES]
     a, b = spans[len(spans) // 2 - 1 : len(spans) // 2 + 1]

@@ -17,16 +17,20 @@ from typing import Annotated, Any, get_args, get_origin
 
 from cyclopts import Group, Parameter
 
-from .config import fields_of
+from .config import fields_of, part_of
 from .errors import ParameterError
 
 
-def flags_of(kind: Any, skipped: tuple[str, ...] = ()) -> Any:
+def flags_of(
+    kind: Any, skipped: tuple[str, ...] = (), *, suits_robot: bool = False
+) -> Any:
     """Return a dataclass of flags that mirrors one of settings.
 
     Args:
         kind: The dataclass of settings; fields of a base class come last.
         skipped: Names of fields without a flag.
+        suits_robot: Whether the robot has its own defaults, and those of the
+            dataclass are the paper's.
 
     Returns:
         The dataclass, for a parser that flattens it.
@@ -38,13 +42,16 @@ def flags_of(kind: Any, skipped: tuple[str, ...] = ()) -> Any:
         if name in skipped:
             continue
         hint, default = hints[name], getattr(defaults, name)
-        text = texts.get(name, "")
-        if dataclasses.is_dataclass(hint):
-            flags, group = flags_of(hint), Group.create_ordered(text.rstrip("."))
+        text, part = texts.get(name, ""), part_of(hint)
+        if part or dataclasses.is_dataclass(hint):
+            flags = flags_of(part or hint, suits_robot=part is not None)
+            group = Group.create_ordered(text.rstrip("."))
             factory = dataclasses.field(default_factory=flags)
             rows.append((name, _noted(flags, Parameter(group=group)), factory))
         else:
-            note = Parameter(help=text + _shown(default), **_parsing(hint, default))
+            note = Parameter(
+                help=text + _shown(default, suits_robot), **_parsing(hint, default)
+            )
             flag = _noted(_hint(hint), note)
             rows.append((name, flag, dataclasses.field(default=None)))
     mirror = dataclasses.make_dataclass(f"{kind.__name__}Flags", rows, kw_only=True)
@@ -69,13 +76,18 @@ def _field_texts(kind: type) -> dict[str, str]:
     return texts
 
 
-def _shown(default: Any) -> str:
+def _shown(default: Any, suits_robot: bool) -> str:
     """Return a default value for a help text."""
     if default is None or default is False or default == ():
         return ""
     items = default if isinstance(default, tuple) else (default,)
     words = [f"{x:g}" if isinstance(x, float) else str(x) for x in items]
-    return f" (default {'yes' if default is True else ', '.join(words)})"
+    value = "yes" if default is True else ", ".join(words)
+    return (
+        f" (default: the robot's; paper {value})"
+        if suits_robot
+        else (f" (default {value})")
+    )
 
 
 def _hint(hint: Any) -> Any:

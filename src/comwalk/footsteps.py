@@ -477,7 +477,12 @@ def plan_segments(
     )
 
 
-def load_plan(path: str | Path) -> FootstepPlan:
+def load_plan(
+    path: str | Path,
+    *,
+    gait: Gait = PAPER_GAIT,
+    sole_size: tuple[float, float] = PAPER_SOLE,
+) -> FootstepPlan:
     """Read a plan from a TOML file.
 
     Either regular pieces, each with any field of `Gait` (`turn_deg` [deg] may replace
@@ -513,6 +518,8 @@ def load_plan(path: str | Path) -> FootstepPlan:
 
     Args:
         path: The file.
+        gait: What `[gait]` and the segments leave out.
+        sole_size: Length and width of each sole [m], if the file does not say.
 
     Returns:
         The plan.
@@ -522,7 +529,8 @@ def load_plan(path: str | Path) -> FootstepPlan:
             cannot be walked; the message is one line that begins with the path.
     """
     try:
-        return _plan_of(tomllib.loads(Path(path).read_text(encoding="utf-8")))
+        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        return _plan_of({"sole_size": sole_size, **document}, gait)
     except OSError as error:
         raise PlanError(f"{path}: cannot be read: {error.strerror or error}") from None
     except UnicodeDecodeError:
@@ -739,28 +747,30 @@ _STEP_KEYS = (*(f.name for f in dataclasses.fields(Footstep)), "yaw_deg")
 _POSE_KEYS = ("x", "y", "yaw", "yaw_deg")
 
 
-def _plan_of(document: Mapping[str, Any]) -> FootstepPlan:
+def _plan_of(document: Mapping[str, Any], usual: Gait) -> FootstepPlan:
     """Return the plan that a TOML document describes."""
     _table(document, "the file", _TOP_KEYS)
     base = _table(document.get("gait", {}), "[gait]", _GAIT_KEYS)
     pieces, steps = (_tables(document, name) for name in ("segment", "footstep"))
     if bool(pieces) == bool(steps):
         raise PlanError("give either [[segment]] or [[footstep]] tables")
-    size = {k: document[k] for k in ("sole_size",) if k in document}
+    size = document["sole_size"]
     if steps:
         if "first" in document:
             raise PlanError(
                 '"first" is for [[segment]]; each [[footstep]] has its side'
             )
-        return _explicit_plan(document, _gait_of(base, "[gait]"), steps, size)
+        return _explicit_plan(document, _gait_of(usual, base, "[gait]"), steps)
     for name in ("left", "right"):
         if name in document:
             raise PlanError(f'"{name}" is for [[footstep]]; use half_width in [gait]')
-    segments = [_segment_of(base, piece, i) for i, piece in enumerate(pieces, 1)]
-    return plan_segments(segments, first=document.get("first"), **size)
+    segments = [_segment_of(usual, base, piece, i) for i, piece in enumerate(pieces, 1)]
+    return plan_segments(segments, first=document.get("first"), sole_size=size)
 
 
-def _segment_of(base: Mapping[str, Any], piece: object, i: int) -> tuple[Gait, int]:
+def _segment_of(
+    usual: Gait, base: Mapping[str, Any], piece: object, i: int
+) -> tuple[Gait, int]:
     """Return the gait and the number of steps of one [[segment]]."""
     where = f"[[segment]] {i}"
     table = dict(_table(piece, where, ("steps", *_GAIT_KEYS)))
@@ -768,7 +778,7 @@ def _segment_of(base: Mapping[str, Any], piece: object, i: int) -> tuple[Gait, i
         raise PlanError(f'{where}: "steps" is missing')
     count = _named(where, checked_count, "steps", table.pop("steps"), 1, MAX_STEPS)
     defaults = {k: v for k, v in base.items() if not _overridden(k, table)}
-    return _gait_of({**defaults, **table}, where), count
+    return _gait_of(usual, {**defaults, **table}, where), count
 
 
 def _overridden(key: str, table: Mapping[str, Any]) -> bool:
@@ -776,16 +786,16 @@ def _overridden(key: str, table: Mapping[str, Any]) -> bool:
     return key in ("turn", "turn_deg") and bool({"turn", "turn_deg"} & set(table))
 
 
-def _gait_of(table: Mapping[str, Any], where: str) -> Gait:
+def _gait_of(usual: Gait, table: Mapping[str, Any], where: str) -> Gait:
     """Return a gait from a table of TOML."""
-    return _named(where, Gait, **_radians(table, "turn", where))
+    given = _radians(table, "turn", where)
+    return _named(where, dataclasses.replace, usual, **given)
 
 
 def _explicit_plan(
     document: Mapping[str, Any],
     gait: Gait,
     tables: Sequence[object],
-    size: dict[str, Any],
 ) -> FootstepPlan:
     """Return a plan of single footsteps."""
     times = {
@@ -809,7 +819,7 @@ def _explicit_plan(
         stop_time=gait.stop_time,
         stand_time=gait.stand_time,
         double_support=gait.double_support,
-        **size,
+        sole_size=document["sole_size"],
     )
 
 

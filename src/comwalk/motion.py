@@ -422,17 +422,10 @@ def _entry(motion: Motion, table: Mapping[str, Any], what: str, joint: str) -> A
     return table[joint]
 
 
-def _check_blends(
-    embedded: EmbeddedMotion, limits: Mapping[str, JointLimit], samples: int = 201
-) -> None:
+def _check_blends(embedded: EmbeddedMotion, limits: Mapping[str, JointLimit]) -> None:
     """Raise if a joint is too fast while the motion is blended in or out."""
     motion, blend = embedded.motion, embedded.blend
-    begins = [b for b in (embedded.start, embedded.stop - blend) if math.isfinite(b)]
-    times = np.concatenate([b + np.linspace(0.0, blend, samples) for b in begins])
-    rates = np.abs([embedded.at(t)[1] for t in times.tolist()])
-    allowed = np.array(
-        [_entry(motion, limits, "limit", j).speed for j in motion.joints]
-    )
+    times, rates, allowed = _blend_rates(embedded, limits)
     k, j = np.unravel_index(np.argmax(rates / allowed), rates.shape)
     if rates[k, j] > allowed[j] * (1.0 + _TOLERANCE):
         raise MotionError(
@@ -442,6 +435,18 @@ def _check_blends(
             f"about {_rounded_up(blend * rates[k, j] / allowed[j])} s, "
             "or scale the motion down"
         )
+
+
+def _blend_rates(
+    embedded: EmbeddedMotion, limits: Mapping[str, JointLimit], samples: int = 201
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return times, magnitudes of rates in both blends, (k, m), and limits, (m,)."""
+    motion, blend = embedded.motion, embedded.blend
+    begins = [b for b in (embedded.start, embedded.stop - blend) if math.isfinite(b)]
+    times = np.concatenate([b + np.linspace(0.0, blend, samples) for b in begins])
+    rates = np.abs([embedded.at(t)[1] for t in times.tolist()])
+    limited = [_entry(motion, limits, "limit", j).speed for j in motion.joints]
+    return times, rates, np.array(limited, dtype=float)
 
 
 def _rounded_down(x: float) -> str:
@@ -494,17 +499,76 @@ def prepare_motion(
             position or speed limit; the message says by how much to scale it.
     """
     playable = _playable(motion, allowed, ignored)
-    limited = [_entry(playable, limits, "limit", j) for j in playable.joints]
-    center = np.array(
-        [_entry(playable, home, "home angle", j) for j in playable.joints]
-    )
-    lower = np.array([limit.lower for limit in limited], dtype=float)
-    upper = np.array([limit.upper for limit in limited], dtype=float)
-    speed = np.array([limit.speed for limit in limited], dtype=float)
+    center, lower, upper, speed = _room(playable, limits, home)
     _check_home(playable, center, lower, upper)
     _check_range(playable, center, lower, upper)
     _check_speed(playable, speed)
     return playable
+
+
+def fitted(
+    embedded: EmbeddedMotion, limits: Mapping[str, JointLimit]
+) -> tuple[EmbeddedMotion, tuple[str, ...]]:
+    """Return a motion made smaller and slower until a robot can play it.
+
+    A joint that would pass a position limit moves less; if one would be too fast, all
+    are slower; if one would be too fast in a blend, all move less.
+
+    Args:
+        embedded: The motion, whose home angles are within their limits.
+        limits: Limits of its joints.
+
+    Returns:
+        The motion within its limits, and what was changed, a phrase each.
+    """
+    motion, notes = embedded.motion, []
+    home = dict(zip(motion.joints, embedded.home.tolist(), strict=True))
+    center, lower, upper, speed = _room(motion, limits, home)
+    shares = _position_shares(motion, center, lower, upper)
+    for joint, share in zip(motion.joints, shares.tolist(), strict=True):
+        if share < 1.0:
+            notes.append(f"{joint} moves {share:.3g} times as far")
+    positions = center + shares * (motion.positions - center)
+    motion = replace(motion, positions=positions)
+    slower = _share_of(speed, np.abs(_rate_extremes(motion)[1]))
+    if slower < 1.0:
+        notes.append(f"{slower:.3g} times as fast")
+        motion = scaled(motion, speed=max(slower, 1e-3))
+    _, rates, allowed = _blend_rates(replace(embedded, motion=motion), limits)
+    smaller = _share_of(allowed, rates)
+    if smaller < 1.0:
+        notes.append(f"all joints move {smaller:.3g} times as far")
+        motion = scaled(motion, smaller, about=home)
+    return replace(embedded, motion=motion), tuple(notes)
+
+
+def _room(
+    motion: Motion, limits: Mapping[str, JointLimit], home: Mapping[str, float]
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return home angles, lower, upper and speed limits of a motion's joints."""
+    limited = [_entry(motion, limits, "limit", j) for j in motion.joints]
+    center = [_entry(motion, home, "home angle", j) for j in motion.joints]
+    rows = [(x.lower, x.upper, x.speed) for x in limited]
+    lower, upper, speed = np.array(rows, dtype=float).T
+    return np.array(center), lower, upper, speed
+
+
+def _position_shares(
+    motion: Motion, home: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> np.ndarray:
+    """Return by how much each joint must move less to keep its limits, (m,)."""
+    away = _position_extremes(motion)[1] - home
+    room = np.where(away > 0.0, upper - home, home - lower)
+    columns = range(len(motion.joints))
+    return np.array([_share_of(room[:, j], np.abs(away[:, j])) for j in columns])
+
+
+def _share_of(allowed: np.ndarray, needed: np.ndarray) -> float:
+    """Return the share of what is needed that is allowed everywhere, at most 1."""
+    over = needed > allowed * (1.0 + _TOLERANCE)
+    shares = np.divide(allowed, needed, where=over, out=np.ones(over.shape))
+    least = float(shares.min())
+    return 1.0 if least >= 1.0 else 0.999 * max(least, 0.0)
 
 
 def _playable(motion: Motion, allowed: Sequence[str], ignored: Sequence[str]) -> Motion:
@@ -668,6 +732,30 @@ def renamed(motion: Motion, names: Mapping[str, str]) -> Motion:
     """
     kept = select(motion, names)
     return replace(kept, joints=tuple(names[joint] for joint in kept.joints))
+
+
+def placed(
+    motion: Motion,
+    home: Mapping[str, float],
+    signs: Mapping[str, float] | None = None,
+) -> Motion:
+    """Return a motion whose angles are counted from a home posture.
+
+    Args:
+        motion: The motion, such as a built-in dance with no home of its own.
+        home: Home angle of every joint [rad], where angle 0 of the motion goes.
+        signs: -1 for joints that turn the other way, by joint; +1 where none is given.
+
+    Returns:
+        The motion in absolute joint angles.
+
+    Raises:
+        MotionError: If a home angle is missing.
+    """
+    center = [_entry(motion, home, "home angle", j) for j in motion.joints]
+    turned = [(signs or {}).get(j, 1.0) for j in motion.joints]
+    positions = np.array(center) + np.array(turned) * motion.positions
+    return replace(motion, positions=positions)
 
 
 def scaled(

@@ -153,6 +153,7 @@ def simulate(
     physics: SimulatorSettings | None = None,
     watch: Watch | None = None,
     seed: int = 0,
+    force: bool = False,
     progress: Progress | None = None,
 ) -> Run:
     """Walk a pattern with a robot in MuJoCo.
@@ -165,6 +166,7 @@ def simulate(
         physics: Physics step, floor, payload, sensors and pushes.
         watch: When a walk counts as a fall.
         seed: Seed of the sensor noise.
+        force: Whether to walk even what the robot is not able to.
         progress: Called now and then with the simulated time.
 
     Returns:
@@ -178,7 +180,8 @@ def simulate(
     control = control or default_control(robot)
     _check_pushes(pattern, physics)
     _check_gravity(robot, pattern)
-    check_reach(robot, pattern)
+    if not force:
+        check_reach(robot, pattern)
     control.check(pattern)
     plant = SimulatedRobot(robot, control.period, physics, seed, pattern.plan)
     body = WholeBody(robot, control.period, motion, control.body)

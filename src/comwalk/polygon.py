@@ -9,6 +9,7 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
+from scipy.optimize import minimize
 
 
 def rectangle(x: float, y: float, yaw: float, size: tuple[float, float]) -> np.ndarray:
@@ -102,3 +103,47 @@ def polygon_margin(polygon: np.ndarray, point: np.ndarray | Sequence[float]) -> 
         inside = inside and dx * py - dy * px >= 0.0
         x_0, y_0 = x_1, y_1
     return nearest if inside else -nearest
+
+
+def rectangle_in(
+    polygon: np.ndarray, weight: float = 1.0
+) -> tuple[tuple[float, float], tuple[float, float]]:
+    """Return the largest rectangle along x and y inside a convex polygon.
+
+    It is the one of largest area: a concave problem, log(l) + log(w) within the
+    polygon's half planes.
+
+    Args:
+        polygon: Vertices [m], shape (k, 2), counter-clockwise, k >= 3.
+        weight: How much more length counts than width, as the power of l [-].
+
+    Returns:
+        Its centre (x, y) and its length along x and width along y [m].
+
+    Example:
+        >>> (x, y), size = rectangle_in(np.array([(0, 0), (4, 0), (4, 2), (0, 2)]))
+        >>> [round(v, 6) for v in (x, y, *size)]
+        [2.0, 1.0, 4.0, 2.0]
+    """
+    edges = np.roll(polygon, -1, axis=0) - polygon
+    normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    offsets = np.einsum("kd,kd->k", normals, polygon)
+    A = np.hstack([normals, np.abs(normals)])  # of (x, y, half length, half width)
+    low, high = polygon.min(axis=0), polygon.max(axis=0)
+    scale = float((high - low).max())
+    start = np.array([*polygon.mean(axis=0), *(0.02 * (high - low))])
+    found = minimize(
+        lambda v: -weight * math.log(v[2]) - math.log(v[3]),
+        start / scale,
+        jac=lambda v: np.array([0.0, 0.0, -weight / v[2], -1.0 / v[3]]),
+        bounds=[(None, None)] * 2 + [(1e-6, None)] * 2,
+        constraints={
+            "type": "ineq",
+            "fun": lambda v: offsets / scale - A @ v,
+            "jac": lambda v: -A,
+        },
+        options={"maxiter": 200, "ftol": 1e-12},
+    )
+    x, y, l, w = (found.x * scale).tolist()  # noqa: E741
+    return (x, y), (2.0 * l, 2.0 * w)

@@ -1,14 +1,13 @@
-"""A robot: its limbs, soles, limits and servos, read from an MJCF, Eq. (14), (21).
+"""A robot: its limbs, soles, limits and servos, from any humanoid, Eq. (14), (21).
 
-Frames are found by their REP-120 names (`l_sole`, `r_gripper`, `gaze`, ...), limbs by
-the tree between them and the floating base. `Kinematics` turns a configuration into
-a `Posture` with MuJoCo's kinematics in C.
+Frames have their REP-120 names (`l_sole`, `r_gripper`, `gaze`, ...), which a file gives
+or `marking` adds; limbs are the tree between them and the floating base. `Kinematics`
+turns a configuration into a `Posture` with MuJoCo's kinematics in C.
 """
 
 from __future__ import annotations
 
 import copy
-import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +15,11 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from .errors import ModelError, checked_number, nearest, one_line
+from .anatomy import Anatomy, Role, Sole, find_roles
+from .errors import ModelError, checked_number
 from .footsteps import Side
+from .marking import compile_model, mark
+from .model_files import read_model
 from .motion import JointLimit
 from .polygon import convex_hull
 from .resolution import Limb, Posture
@@ -96,6 +98,12 @@ class Robot:
     """Torque limits [N m], inf where the model gives none, of shape (joints,)."""
     home: np.ndarray
     """Configuration in the walking posture, MuJoCo's qpos, of shape (7 + joints,)."""
+    anatomy: Anatomy
+    """Its parts, and what was found out about them."""
+    roles: dict[str, Role]
+    """Which joint does what in a dance, and its sign, such as "l_shoulder_pitch"."""
+    notes: tuple[str, ...] = ()
+    """What was repaired, assumed or left out, a line each."""
 
     @property
     def mass(self) -> float:
@@ -111,6 +119,11 @@ class Robot:
     def base_body(self) -> int:
         """Body of the body center, the one with the free joint."""
         return int(self.model.jnt_bodyid[0])
+
+    @property
+    def imu_site(self) -> int:
+        """Site of the IMU, on the trunk."""
+        return int(self.model.site("imu").id)
 
     @property
     def home_angles(self) -> dict[str, float]:
@@ -131,11 +144,16 @@ class Robot:
         return tuple(n for j, n in enumerate(self.joints) if j not in legs)
 
 
-def load_robot(source: str | Path = "paper", *, stiffness: float = 1.0) -> Robot:
-    """Load a robot by name or from an MJCF file.
+def load_robot(
+    source: str | Path = "paper",
+    *,
+    stiffness: float = 1.0,
+    profile: str | Path | None = None,
+) -> Robot:
+    """Load a robot by name, or from a URDF or MJCF file.
 
     Args:
-        source: Name of a built-in robot, or path of an MJCF file with REP-120 frames.
+        source: Name of a known robot, or path of a file.
         stiffness: Factor on the servos' position and velocity gains, in (0, 100].
 
     Returns:
@@ -149,16 +167,22 @@ def load_robot(source: str | Path = "paper", *, stiffness: float = 1.0) -> Robot
     factor = checked_number(
         "stiffness", stiffness, low=0, high=100, open_low=True, hint="1 is the default"
     )
-    name, path = _find(str(source))
-    spec = _read(path)
+    file = read_model(source)
+    name, path, spec = file.name, file.path, file.spec
+    marked = {"l_sole", "r_sole"} <= {site.name for site in spec.sites}
+    anatomy = None if marked else mark(file)
     for actuator in spec.actuators:
         actuator.gainprm[0] *= factor
         actuator.biasprm[1] *= factor
         actuator.biasprm[2] *= factor
-    _add_sole_centres(spec, path)
-    model = _compile(spec, path)
+    if marked:
+        _add_sole_centres(spec, path)
+    model = compile_model(spec, str(path))
     joints = tuple(model.joint(i).name for i in range(1, model.njnt))
     limbs, ends = _find_limbs(model, path)
+    feet = {side: _read_foot(model, side, anatomy) for side in Side}
+    anatomy = anatomy or _anatomy_of(model, joints, limbs, feet)
+    home = _home(model, path)
     servo = _read_servo(model, joints, path)
     ranges = np.where(
         model.jnt_limited[1:, None] > 0, model.jnt_range[1:], [[-np.inf, np.inf]]
@@ -170,76 +194,53 @@ def load_robot(source: str | Path = "paper", *, stiffness: float = 1.0) -> Robot
         joints=joints,
         limbs=limbs,
         ends=ends,
-        feet={side: _read_foot(model, side) for side in Side},
+        feet=feet,
         servo=servo,
         lower=ranges[:, 0],
         upper=ranges[:, 1],
-        speed=_speed_limits(model),
+        speed=np.array([file.speed.get(j, np.inf) for j in joints]),
         torque=_torque_limits(model, servo),
-        home=_home(model, path),
+        home=home,
+        anatomy=anatomy,
+        roles=find_roles(model, home, anatomy),
+        notes=(*file.notes, *anatomy.notes),
     )
 
 
-def _find(source: str) -> tuple[str, Path]:
-    """Return the name and the file of a robot."""
-    if source in BUILTIN_ROBOTS:
-        return source, Path(__file__).parent / "robots" / f"{source}.xml"
-    path = Path(source)
-    if path.suffix.lower() in (".xml", ".mjcf", ".urdf") or "/" in source:
-        if not path.is_file():
-            fault = "is not a file" if path.exists() else "does not exist"
-            raise ModelError(f"robot file {source} {fault}")
-        return path.stem, path
-    raise ModelError(
-        f'unknown robot "{source}"; {nearest(source, BUILTIN_ROBOTS)}; '
-        "a model of your own is given by its path, such as ./my_robot.xml"
-    )
-
-
-def _read(path: Path) -> mujoco.MjSpec:
-    """Parse an MJCF file."""
-    try:
-        numbers = re.search(r"""=["'][^"'<>]*\bnan\b""", path.read_text("utf-8"), re.I)
-        if numbers:
-            raise ModelError(f"{path} holds nan, which is no number: {numbers[0][2:]}")
-        spec = mujoco.MjSpec.from_file(str(path))
-    except ModelError:
-        raise
-    except (ValueError, mujoco.FatalError, UnicodeDecodeError, OSError) as error:
-        raise ModelError(f"{path} is not a readable MJCF: {one_line(error)}") from None
-    names = {site.name for site in spec.sites}
-    for site in ("l_sole", "r_sole"):
-        if site not in names:
-            raise ModelError(
-                f'{path} has no site "{site}": mark each sole by a site named after '
-                "REP-120, x forward, z up, on the contact surface"
-            )
-    return spec
-
-
-def _compile(spec: mujoco.MjSpec, path: Path) -> mujoco.MjModel:
-    """Compile a model, and check that it has a floating base and plain joints."""
-    try:
-        model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"{path} does not compile: {one_line(error)}") from None
-    types = model.jnt_type
-    if model.njnt == 0 or types[0] != int(mujoco.mjtJoint.mjJNT_FREE):
-        raise ModelError(
-            f"{path} has no free joint at its root: add <freejoint/> to the first body"
+def _anatomy_of(
+    model: mujoco.MjModel,
+    joints: tuple[str, ...],
+    limbs: tuple[Limb, ...],
+    feet: dict[Side, Foot],
+) -> Anatomy:
+    """Return the anatomy of a model that marks its frames itself."""
+    names = {limb.name: tuple(joints[j] for j in limb.joints) for limb in limbs}
+    soles = {}
+    for side, foot in feet.items():
+        length, width = (foot.sole.max(axis=0) - foot.sole.min(axis=0)).tolist()
+        soles[side] = Sole(
+            body=model.body(model.site_bodyid[foot.site]).name,
+            position=model.site_pos[foot.site].copy(),
+            rotation=_rotation(model.site_quat[foot.site]),
+            size=(length, width),
+            polygon=foot.sole,
+            origin="contact box",
         )
-    simple = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
-    for i in range(1, model.njnt):
-        if int(types[i]) not in simple:
-            raise ModelError(
-                f'{path}: joint "{model.joint(i).name}" is neither hinge nor slide'
-            )
-    return model
+    arms = {side: names.get(f"{side}_arm", ()) for side in Side}
+    return Anatomy(
+        forward=0.0,
+        legs={side: names[LEGS[side]] for side in Side},
+        arms={side: arm for side, arm in arms.items() if arm},
+        torso=names.get("torso", ()),
+        head=names.get("head", ()),
+        locked=(),
+        soles=soles,
+    )
 
 
 def _add_sole_centres(spec: mujoco.MjSpec, path: Path) -> None:
     """Add a site at the centre of each sole: there the plan puts the feet."""
-    model = _compile(spec, path)
+    model = compile_model(spec, str(path))
     for side in Side:
         letter = side.value[0]
         sole = model.site(f"{letter}_sole")
@@ -278,7 +279,9 @@ def _sole_corners(model: mujoco.MjModel, site: int) -> np.ndarray:
     return convex_hull(points[lowest, :2])
 
 
-def _read_foot(model: mujoco.MjModel, side: Side) -> Foot:
+def _read_foot(
+    model: mujoco.MjModel, side: Side, anatomy: Anatomy | None
+) -> Foot:
     """Return a foot from its sites."""
     letter = side.value[0]
     centre = model.site(f"{letter}_sole_centre").id
@@ -287,14 +290,21 @@ def _read_foot(model: mujoco.MjModel, side: Side) -> Foot:
     sensor_name = f"{letter}_ankle_ft"
     sensor = names.index(sensor_name) if sensor_name in names else sole
     body = int(model.site_bodyid[sensor])
-    corners = _sole_corners(model, sole)
-    arm = model.body_ipos[body] - model.site_pos[sensor]
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    arm = data.subtree_com[body] - data.site_xpos[sensor]
+    if anatomy is not None:
+        polygon = anatomy.soles[side].polygon
+    else:
+        corners = _sole_corners(model, sole)
+        polygon = corners - _middle(corners)
     return Foot(
-        sole=corners - _middle(corners),
+        sole=polygon,
         site=centre,
         sensor_site=sensor,
-        mass=float(model.body_mass[body]),
-        com=_rotation(model.site_quat[sensor]).T @ arm,
+        mass=float(model.body_subtreemass[body]),
+        com=data.site_xmat[sensor].reshape(3, 3).T @ arm,
     )
 
 
@@ -385,14 +395,6 @@ def _read_servo(model: mujoco.MjModel, joints: Iterable[str], path: Path) -> Ser
         damping=-model.actuator_biasprm[index, 2] + model.dof_damping[6:],
         actuators=index,
     )
-
-
-def _speed_limits(model: mujoco.MjModel) -> np.ndarray:
-    """Return speed limits: the first user value of each joint, if it has any."""
-    if model.nuser_jnt == 0:
-        return np.full(model.njnt - 1, np.inf)
-    limits = model.jnt_user[1:, 0]
-    return np.where(limits > 0, limits, np.inf)
 
 
 def _torque_limits(model: mujoco.MjModel, servo: Servo) -> np.ndarray:

@@ -97,6 +97,13 @@ class BodySettings:
     """Feedback on every Cartesian row against drift (CLIK) [1/s], in [0, 100]."""
     deflection_compensation: bool = True
     """Whether set-points lead by the servo deflection that the plan implies."""
+    imu: bool = True
+    """Whether the IMU tells how the soles lie; without it they are taken as level."""
+    imu_cutoff: float = 5.0
+    """Cut-off of the low-pass filter on how the soles lie [Hz], in [0.1, 100]."""
+    landing: float = 0.2
+    """How fast a landing foot yields or reaches down, per share of the weight that it
+    bears too much or too little [m/s], in [0, 2]; 0 to land as planned."""
     embed_motion: bool = True
     """Whether the resolution knows of the embedded motion; False is for comparison:
     the arms dance, and the legs do not know."""
@@ -108,7 +115,10 @@ class BodySettings:
             ParameterError: If the feedback is out of range.
         """
         checked_number("body.feedback", self.feedback, unit="1/s", low=0, high=100)
-        for name in ("deflection_compensation", "embed_motion"):
+        name, cutoff = "body.imu_cutoff", self.imu_cutoff
+        checked_number(name, cutoff, unit="Hz", low=0.1, high=100)
+        checked_number("body.landing", self.landing, unit="m/s", low=0, high=2)
+        for name in ("deflection_compensation", "imu", "embed_motion"):
             if not isinstance(getattr(self, name), bool):
                 raise ParameterError(f"body.{name} must be true or false")
 

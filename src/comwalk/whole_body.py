@@ -7,17 +7,16 @@ swing foot and the embedded motion as given limb motions.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 
 from .control import ControlOutput
 from .errors import PlanError
+from .footing import FOOT_INDEX, Footing, Place, tilt_matrix
 from .footsteps import Side
 from .motion import EmbeddedMotion
-from .pattern import Phase, Reference
+from .pattern import Reference
 from .plant import Command, Sensors
 from .resolution import CartesianMotion, JointMotion, Posture, Resolution, Task
 from .resolver import RateLimits, Resolver
@@ -107,7 +106,8 @@ class WholeBody:
         self._home = robot.home[7:].copy()
         self._zmp = np.zeros(2)
         self._support = Side.LEFT
-        self._offsets = {side: (0.0, 0.0, 0.0) for side in Side}
+        self.footing = Footing(self.settings, period)
+        self._left_share = 0.5
         self._free = [
             (limb.name, np.array(limb.joints, dtype=np.intp))
             for limb in robot.limbs
@@ -121,9 +121,11 @@ class WholeBody:
         self._gravity = robot.gravity
         self._weight = robot.mass * self._gravity
         feet = [robot.feet[side] for side in Side]
-        self._foot_sites = np.array(
-            [foot.site for foot in feet] + [foot.sensor_site for foot in feet] + [0]
-        )  # the last place is for the CoM
+        self._sites = np.array(
+            [foot.site for foot in feet]
+            + [foot.sensor_site for foot in feet]
+            + [robot.imu_site]
+        )  # in the last place, the CoM's position takes the place of the IMU's
         self._sensed_q = np.zeros(len(robot.home))
         self._sensed_q[3] = 1.0
         self._foot_weights = [foot.mass * self._gravity for foot in feet]
@@ -181,13 +183,13 @@ class WholeBody:
     def measure(self, sensors: Sensors, reference: Reference) -> Measurement:
         """Return CoM and ZMP as the robot senses them, over the supporting sole.
 
-        The supporting sole is taken to lie flat on the ground. Where it lies is dead
-        reckoning: when the support changes sides, the encoders tell where the new
-        sole stands from the old one, so that a foot set down beside its planned place
-        is not mistaken for a body out of place.
+        Where the supporting sole stands is dead reckoning: when the support changes
+        sides, the encoders tell where the new sole stands from the old one, so that a
+        foot set down beside its planned place is not mistaken for a body out of
+        place. How it lies tells the IMU.
 
         Args:
-            sensors: Encoders and ankle wrenches.
+            sensors: Encoders, ankle wrenches and IMU.
             reference: The reference of this tick.
 
         Returns:
@@ -195,52 +197,37 @@ class WholeBody:
         """
         self._sensed_q[7:] = sensors.positions
         self._sensed.update(self._sensed_q)
-        points, rotations = self._sensed.sites(self._foot_sites)
+        points, rotations = self._sensed.sites(self._sites)
         points[4] = self._sensed.com
+        soles = rotations[:2]
+        self.footing.feel(soles, rotations[4], sensors.orientation)
         if reference.support is not self._support:
-            self._change_support(reference, points, rotations)
-        place, seen = self._place(self._support, reference, points, rotations)
-        R = rotations[_FOOT_INDEX[self._support]].T @ rotations[2:4]
-        contacts = self._contacts(sensors.wrenches, seen, R, place)
-        load = contacts[0].force[2] + contacts[1].force[2]
+            self._change_support(reference, points, soles)
+        k = FOOT_INDEX[self._support]
+        level = self.footing.level(soles, self._support)
+        place = self.footing.place(self._support, reference)
+        seen = ((points - points[k]) @ level).tolist()
+        contacts = self._contacts(
+            sensors.wrenches, seen, level.T @ rotations[2:4], place
+        )
+        left, right = (contact.force[2] for contact in contacts)
+        load = left + right
+        if load > 0.05 * self._weight:
+            self._left_share = min(max(left / load, 0.0), 1.0)
         zmp = zmp_from_wrenches(contacts, least_load=0.05 * self._weight)
         self._zmp = self._zmp if zmp is None else zmp
         com = np.array(place.of(seen[4]))
         return Measurement(com, self._zmp, load, tilt_of(sensors.orientation))
 
-    def _place(
-        self,
-        side: Side,
-        reference: Reference,
-        points: np.ndarray,
-        rotations: np.ndarray,
-    ) -> tuple[_Place, list[list[float]]]:
-        """Return where a sole stands, and the points as seen from it, in its axes."""
-        k = _FOOT_INDEX[side]
-        x, y, yaw = self._foothold(side, reference)
-        seen = (points - points[k]) @ rotations[k]
-        return _Place(x, y, math.cos(yaw), math.sin(yaw)), seen.tolist()
-
-    def _foothold(self, side: Side, reference: Reference) -> tuple[float, float, float]:
-        """Return where a sole stands: x [m], y [m], yaw [rad]."""
-        foot = reference.foot(side)
-        x, y, _ = foot.position.tolist()
-        dx, dy, dyaw = self._offsets[side]
-        return x + dx, y + dy, foot.yaw + dyaw
-
     def _change_support(
-        self, reference: Reference, points: np.ndarray, rotations: np.ndarray
+        self, reference: Reference, points: np.ndarray, soles: np.ndarray
     ) -> None:
         """Find where the new supporting sole stands, seen from the old one."""
         old, new = self._support, reference.support
-        place, seen = self._place(old, reference, points, rotations)
-        x, y, _ = place.of(seen[_FOOT_INDEX[new]])
-        R = rotations[_FOOT_INDEX[old]].T @ rotations[_FOOT_INDEX[new]]
-        yaw = self._foothold(old, reference)[2] + yaw_of(R)
-        self._offsets[new] = (0.0, 0.0, 0.0)
-        x_d, y_d, yaw_d = self._foothold(new, reference)
-        turn = math.remainder(yaw - yaw_d, math.tau)
-        self._offsets[new] = (x - x_d, y - y_d, turn)
+        level = self.footing.level(soles, old)
+        seen = (points[FOOT_INDEX[new]] - points[FOOT_INDEX[old]]) @ level
+        turn = yaw_of(level.T @ self.footing.level(soles, new))
+        self.footing.change_support(old, reference, seen.tolist(), turn)
         self._support = new
 
     def _contacts(
@@ -248,7 +235,7 @@ class WholeBody:
         wrenches: np.ndarray,
         seen: list[list[float]],
         R: np.ndarray,
-        place: _Place,
+        place: Place,
     ) -> list[Contact]:
         """Return each foot's ground force: what its sensor feels, and its weight.
 
@@ -304,7 +291,7 @@ class WholeBody:
         trunk = K * level_error(reference.heading, posture.rotation)
         trunk[2] += reference.heading_rate
         swing = reference.support.other
-        self._forget_offset(swing, reference)
+        self.footing.follow(reference, self._left_share)
         motions: dict[str, CartesianMotion | JointMotion] = dict(
             self._joint_motions(reference.time, K)
         )
@@ -323,30 +310,27 @@ class WholeBody:
         The supporting foot follows its dead reckoning slowly, since each correction
         moves the whole body.
         """
-        k = _FOOT_INDEX[side]
+        k, footing = FOOT_INDEX[side], self.footing
         foot = reference.foot(side)
-        x_d, y_d, yaw_d = self._foothold(side, reference)
+        x_d, y_d, yaw_d = footing.foothold(side, reference)
+        z_d = float(foot.position[2]) + footing.heights[side]
         x, y, z = posture.ends[k].tolist()
-        e_x, e_y, e_z = level_error(yaw_d, posture.end_rotations[k]).tolist()
+        R = posture.end_rotations[k]
+        if self.settings.imu:
+            R = R @ tilt_matrix(footing.leans[k].tolist()).T
+        e_x, e_y, e_z = level_error(yaw_d, R).tolist()
         v_x, v_y, v_z = foot.velocity.tolist()
         K_p = min(K, _RECKONING) if side is reference.support else K
         return np.array(
             [
                 v_x + K_p * (x_d - x),
                 v_y + K_p * (y_d - y),
-                v_z + K * (float(foot.position[2]) - z),
+                v_z + K * (z_d - z),
                 K * e_x,
                 K * e_y,
                 foot.yaw_rate + K_p * e_z,
             ]
         )
-
-    def _forget_offset(self, swing: Side, reference: Reference) -> None:
-        """Let a swinging foot return to its planned path."""
-        if reference.phase in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT):
-            keep = 1.0 - self.period / _RETURN
-            dx, dy, dyaw = self._offsets[swing]
-            self._offsets[swing] = (keep * dx, keep * dy, keep * dyaw)
 
     def _joint_motions(self, t: float, K: float) -> dict[str, JointMotion]:
         """Return the rates of all limbs but the legs: the dance, or back to home."""
@@ -415,25 +399,4 @@ class WholeBody:
         return carried[6:] - np.array(shares) @ posture.jacobian[3:15, 6:]
 
 
-class _Place(NamedTuple):
-    """Where a level sole stands: position [m] and cosine and sine of its yaw."""
-
-    x: float
-    y: float
-    c: float
-    s: float
-
-    def turn(self, v: Sequence[float]) -> tuple[float, float, float]:
-        """Return a vector in world axes, given in the sole's."""
-        x, y, z = v
-        return self.c * x - self.s * y, self.s * x + self.c * y, z
-
-    def of(self, point: Sequence[float]) -> tuple[float, float, float]:
-        """Return a point in the world, given in the sole's frame."""
-        x, y, z = self.turn(point)
-        return self.x + x, self.y + y, z
-
-
-_FOOT_INDEX = {side: k for k, side in enumerate(Side)}
 _RECKONING = 5.0  # feedback of the supporting foot to its dead reckoning [1/s]
-_RETURN = 0.1  # time constant of a swinging foot's return to its path [s]

@@ -52,9 +52,13 @@ ORDER = (
     "render",
     # For people.
     "config",
+    "trials",
+    "bench",
+    "report",
     "figures",
     "flags",
     "commands",
+    "bench_commands",
     "cli",
     "__main__",
 )
@@ -63,12 +67,12 @@ ORDER = (
 PACKAGES = {
     "mujoco": {"robot", "simulator", "run", "render"},
     "matplotlib": {"plot", "figures", "render"},
-    "rich": {"cli", "commands"},
-    "cyclopts": {"cli", "commands", "flags"},
+    "rich": {"bench_commands", "cli", "commands"},
+    "cyclopts": {"bench_commands", "cli", "commands", "flags"},
 }
 """Where a package may be imported."""
 
-PRINTERS = {"cli", "commands"}
+PRINTERS = {"bench_commands", "cli", "commands"}
 """Where something may be printed."""
 
 MODULES = sorted(path.stem for path in SOURCE.glob("*.py") if path.stem != "__init__")

@@ -30,6 +30,7 @@ _COMMANDS = {
     "robots": "List the built-in robots.",
     "replay": "Summarise a run, or verify it with MuJoCo alone.",
 }
+_BENCH = "Try robots on walks, dances, floors, pushes and loads."
 _PAIRS = re.compile(r"--gains\.[\w-]+|--disturbance")
 
 
@@ -83,6 +84,7 @@ def _app() -> App:
     )
     for name, text in _COMMANDS.items():
         app.command(f"{__package__}.commands:{name}", name=name, help=text)
+    app.command(f"{__package__}.bench_commands:bench", name="bench", help=_BENCH)
     return app
 
 

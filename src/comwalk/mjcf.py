@@ -10,8 +10,7 @@ import mujoco
 import numpy as np
 
 from .errors import ModelError, one_line
-from .meshes import first_of
-from .model_parts import LinkMesh, Mimic, ModelFile, resolve_mimics
+from .model_parts import LinkMesh, Mimic, ModelFile, first_of, resolve_mimics
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _FREE = mujoco.mjtJoint.mjJNT_FREE
@@ -55,7 +54,7 @@ def read_mjcf(root: ET.Element, path: Path, *, geometry: bool) -> ModelFile:
         name=path.stem,
         path=path,
         spec=spec,
-        mimics=resolve_mimics(_take_mimics(spec, notes)),
+        mimics=resolve_mimics(_take_mimics(spec, outline, notes)),
         speed=_speed_limits(outline, spec),
         torque=_torque_limits(outline, spec),
         meshes=tuple(mesh for mesh in meshes if mesh.body in bodies),
@@ -366,7 +365,9 @@ def _rewrite_keys(
         key.mpos, key.mquat = [], []
 
 
-def _take_mimics(spec: mujoco.MjSpec, notes: list[str]) -> list[Mimic]:
+def _take_mimics(
+    spec: mujoco.MjSpec, outline: mujoco.MjModel, notes: list[str]
+) -> list[Mimic]:
     """Remove the couplings of two joints from the model, and return them."""
     found: dict[str, Mimic] = {}
     for equality in list(spec.equalities):
@@ -380,7 +381,9 @@ def _take_mimics(spec: mujoco.MjSpec, notes: list[str]) -> list[Mimic]:
             notes.append(
                 f'joint "{joint}" follows "{primary}" along a line, not a curve'
             )
-        zero, zero_primary = spec.joint(joint).ref, spec.joint(primary).ref
+        zero, zero_primary = (
+            outline.qpos0[outline.joint(name).qposadr[0]] for name in (joint, primary)
+        )
         offset = zero + constant - ratio * zero_primary
         found.setdefault(joint, Mimic(joint, primary, float(ratio), float(offset)))
         spec.delete(equality)

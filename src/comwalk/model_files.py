@@ -12,8 +12,9 @@ import mujoco
 import numpy as np
 
 from .errors import ModelError, nearest, one_line
-from .meshes import add_meshes, compile_without_bad_meshes, package_folders
-from .meshes import mesh_vertices as mesh_vertices
+from .mesh_files import mesh_vertices as mesh_vertices
+from .mesh_files import package_folders
+from .meshes import add_meshes, compile_without_bad_meshes
 from .mjcf import read_mjcf
 from .model_parts import LinkMesh as LinkMesh
 from .model_parts import Mimic as Mimic
@@ -184,15 +185,17 @@ def _parse(path: Path) -> ET.Element:
     """Return the root of a file, which must be a robot or a MuJoCo model."""
     try:
         text = path.read_bytes()
-        if not text.strip():
-            raise ModelError("it is empty")
         if path.suffix.lower() == ".xacro":
             text = _expand_xacro(path)
-        root = ET.fromstring(text)
+        root = ET.fromstring(text) if text.strip() else ET.Element("")
     except ET.ParseError as error:
         raise ModelError(f"it is not well-formed XML: {one_line(error)}") from None
-    except (OSError, ValueError) as error:
+    except ModelError:
+        raise
+    except (OSError, ValueError, LookupError) as error:
         raise ModelError(f"it is not readable: {one_line(error)}") from None
+    if not text.strip():
+        raise ModelError("it is empty; save it again")
     if root.tag not in ("robot", "mujoco"):
         raise ModelError(
             f"its root is <{root.tag}>; a URDF starts with <robot>, an MJCF with "

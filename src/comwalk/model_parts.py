@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -54,8 +55,8 @@ class ModelFile:
     path: Path
     """The file."""
     spec: mujoco.MjSpec
-    """The robot alone, in radians: the only body in the world has a free joint, all
-    other joints are hinges or slides. It compiles."""
+    """The robot alone: the only body in the world has a free joint, all other joints
+    are hinges or slides. It compiles; what is added follows its `compiler`'s angles."""
     mimics: tuple[Mimic, ...]
     """Joints that follow others; the spec does not couple them."""
     speed: dict[str, float]
@@ -100,3 +101,31 @@ def _resolve(mimic: Mimic, rules: dict[str, Mimic]) -> Mimic:
         primary, offset = above.primary, ratio * above.offset + offset
         ratio *= above.ratio
     return Mimic(mimic.joint, primary, ratio, offset)
+
+
+def first_of(names: Sequence[str], count: int = 4) -> str:
+    """Return the first few names for a message, and how many more there are.
+
+    Args:
+        names: The names.
+        count: How many to show.
+
+    Returns:
+        `a, b, c, d and 7 more`.
+    """
+    more = f" and {len(names) - count} more" if len(names) > count else ""
+    return ", ".join(names[:count]) + more
+
+
+def quaternion_of(R: np.ndarray) -> np.ndarray:
+    """Return the quaternion wxyz of a rotation matrix.
+
+    Args:
+        R: Rotation, of shape (3, 3).
+
+    Returns:
+        Unit quaternion, of shape (4,).
+    """
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R, dtype=float).ravel())
+    return quaternion

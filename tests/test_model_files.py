@@ -267,7 +267,7 @@ def test_impossible_inertias_are_repaired_with_a_note(tmp_path):
         inertia = file.spec.compile().body_inertia[1]
         assert inertia.min() > 0.0
         assert inertia.sum() >= 2.0 * inertia.max() - 1e-12
-        assert file.notes == ("impossible inertia repaired: trunk",)
+        assert file.notes == ("no or impossible inertia, repaired: trunk",)
 
 
 def test_a_moving_link_without_mass_gets_a_speck(tmp_path):

@@ -44,6 +44,8 @@ def read_mjcf(root: ET.Element, path: Path, *, geometry: bool) -> ModelFile:
     _name_all(spec)
     outline = _outline(spec)
     meshes = _link_meshes(spec, outline)
+    for key in list(spec.keys):
+        spec.delete(key)
     base = _keep_robot(spec, outline, notes)
     _drop_missing_meshes(spec, notes)
     if not geometry:
@@ -313,8 +315,7 @@ def _set_free(
             )
     if len(spec.joints) < 2:
         raise ModelError("it has no joints that move; a robot to walk needs two legs")
-    if outline.njnt != len(spec.joints) or not is_free:
-        _rewrite_keys(spec, outline, base)
+    _write_keys(spec, outline, base)
 
 
 def _free_name(spec: mujoco.MjSpec) -> str:
@@ -342,27 +343,30 @@ def _delete_joints(spec: mujoco.MjSpec, joints: list[mujoco.MjsJoint]) -> None:
         spec.delete(joint)
 
 
-def _rewrite_keys(
+def _write_keys(
     spec: mujoco.MjSpec, outline: mujoco.MjModel, base: mujoco.MjsBody
 ) -> None:
-    """Write the keyframes anew for the joints that are left."""
-    free = next(j.name for j in spec.joints if j.type == _FREE)
+    """Write the keyframes anew for the joints and actuators that are left."""
+    free = next(joint.name for joint in spec.joints if joint.type == _FREE)
     left = {joint.name for joint in spec.joints} - {free}
     kept = [i for i in range(outline.njnt) if outline.joint(i).name in left]
-    body = outline.body(base.name)
-    for k, key in enumerate(spec.keys):
+    body, was_free = outline.body(base.name), free in _joint_names(outline)
+    for k in range(outline.nkey):
         q, dq = outline.key_qpos[k], outline.key_qvel[k]
         pose, twist = np.concatenate([body.pos, body.quat]), np.zeros(6)
-        if outline.body_jntnum[body.id] == 1 and outline.joint(free).type[0] == 0:
+        if was_free:
             first = outline.joint(free)
-            pose = q[first.qposadr[0] :][:7]
-            twist = dq[first.dofadr[0] :][:6]
+            pose, twist = q[first.qposadr[0] :][:7], dq[first.dofadr[0] :][:6]
+        key = spec.add_key(name=outline.key(k).name, time=float(outline.key_time[k]))
         key.qpos = np.concatenate([pose, q[outline.jnt_qposadr[kept]]])
         key.qvel = np.concatenate([twist, dq[outline.jnt_dofadr[kept]]])
-        same = len(spec.actuators) == outline.nu
-        key.ctrl = outline.key_ctrl[k] if same else []
-        key.act = outline.key_act[k] if same else []
-        key.mpos, key.mquat = [], []
+        if len(spec.actuators) == outline.nu:
+            key.ctrl, key.act = outline.key_ctrl[k], outline.key_act[k]
+
+
+def _joint_names(model: mujoco.MjModel) -> set[str]:
+    """Return the names of all joints."""
+    return {model.joint(i).name for i in range(model.njnt)}
 
 
 def _take_mimics(

@@ -18,6 +18,8 @@ MOVING = ("revolute", "continuous", "prismatic")
 
 _LEAST_GYRATION = 1e-3
 """Least radius of gyration [m] of a link with mass."""
+_WATER = 1000.0
+"""Density [kg/m^3] of a link without inertia."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -233,9 +235,9 @@ def read_tree(root: ET.Element, notes: list[str]) -> Tree:
     Raises:
         ModelError: If names, numbers or connections are wrong.
     """
-    balanced: list[str] = []
+    repaired: list[str] = []
     links = {
-        name: _read_link(name, element, balanced)
+        name: _read_link(name, element, repaired)
         for name, element in _by_name(root.findall("link"), "link").items()
     }
     joints = {
@@ -244,8 +246,8 @@ def read_tree(root: ET.Element, notes: list[str]) -> Tree:
     }
     if not links:
         raise ModelError("it has no links; is this a whole robot?")
-    if balanced:
-        notes.append(f"impossible inertia repaired: {', '.join(balanced)}")
+    if repaired:
+        notes.append(f"no or impossible inertia, repaired: {first_of(repaired)}")
     below: dict[str, list[Joint]] = {name: [] for name in links}
     for joint in joints.values():
         below[joint.parent].append(joint)
@@ -279,8 +281,8 @@ def _check_parents(links: Iterable[str], joints: dict[str, Joint]) -> None:
             above.add(link)
 
 
-def _read_link(name: str, element: ET.Element, balanced: list[str]) -> Link:
-    """Return a link; `balanced` collects those whose inertia no body can have."""
+def _read_link(name: str, element: ET.Element, repaired: list[str]) -> Link:
+    """Return a link; `repaired` collects those whose inertia no body can have."""
     owner, inertial = f'link "{name}"', element.find("inertial")
     if inertial is None:
         return Link(name, element, 0.0, np.zeros(3), np.zeros(3), np.eye(3))
@@ -293,29 +295,28 @@ def _read_link(name: str, element: ET.Element, balanced: list[str]) -> Link:
         for key in ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
     )
     moments, axes = np.linalg.eigh([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-    moments, changed = _possible_moments(mass, moments)
-    if changed:
-        balanced.append(name)
+    possible = _possible_moments(mass, moments)
+    if np.abs(possible - moments).max() > mass * _LEAST_GYRATION**2:
+        repaired.append(name)
     if np.linalg.det(axes) < 0.0:
         axes[:, 0] *= -1.0
-    return Link(name, element, mass, pose.p, moments, pose.R @ axes)
+    return Link(name, element, mass, pose.p, possible, pose.R @ axes)
 
 
-def _possible_moments(mass: float, moments: np.ndarray) -> tuple[np.ndarray, bool]:
-    """Return principal moments [kg m^2] that a body can have, and whether changed.
+def _possible_moments(mass: float, moments: np.ndarray) -> np.ndarray:
+    """Return principal moments [kg m^2] that a body of that mass [kg] can have.
 
-    They must be positive, and none larger than the sum of the two others; as in
-    MuJoCo's `balanceinertia`, all three become their mean if they are not.
+    Without any, they are those of a ball of water. None may be negative or larger than
+    the two others together: else all become their mean, as MuJoCo's `balanceinertia`.
     """
-    if mass == 0.0:
-        return np.zeros(3), False
     least = mass * _LEAST_GYRATION**2
-    largest, rest = moments.max(), moments.sum() - moments.max()
-    balanced = moments
-    if moments.min() < 0.0 or largest > rest * (1.0 + 1e-6):
-        balanced = np.full(3, moments.mean())
-    possible = np.maximum(balanced, least)
-    return possible, bool(np.abs(possible - moments).max() > 0.5 * least)
+    largest = moments.max()
+    if largest <= least:
+        radius = (mass / (4.0 / 3.0 * math.pi * _WATER)) ** (1.0 / 3.0)
+        return np.full(3, 0.4 * mass * radius**2)
+    if moments.min() < 0.0 or largest > (moments.sum() - largest) * (1.0 + 1e-6):
+        moments = np.full(3, moments.mean())
+    return np.maximum(moments, least)
 
 
 def _read_joint(name: str, element: ET.Element, links: dict[str, Link]) -> Joint:

@@ -35,8 +35,14 @@ ORDER = (
     "resolver",
     "settings",
     # The whole body, in MuJoCo.
+    "model_parts",
+    "mesh_files",
+    "meshes",
+    "urdf_tree",
+    "urdf",
+    "mjcf",
+    "model_files",
     "robot",
-    "defaults",
     "defaults",
     "reach",
     "terrain",
@@ -65,7 +71,11 @@ ORDER = (
 """Import order: a module may import what stands before it, never what stands after."""
 
 PACKAGES = {
-    "mujoco": {"robot", "simulator", "run", "render"},
+    "mujoco": {
+        *("model_parts", "meshes", "urdf", "mjcf", "model_files"),
+        *("robot", "simulator", "run", "render"),
+    },
+    "trimesh": {"mesh_files"},
     "matplotlib": {"plot", "figures", "render"},
     "rich": {"bench_commands", "cli", "commands"},
     "cyclopts": {"bench_commands", "cli", "commands", "flags"},

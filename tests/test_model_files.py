@@ -483,6 +483,17 @@ def test_meshes_of_an_mjcf(tmp_path, geometry, inertial):
     assert any("gone.stl" in note for note in file.notes)
 
 
+def test_meshes_that_mujoco_cannot_read_are_dropped(tmp_path):
+    """They are not even opened without geometry, if they give no inertia."""
+    written(tmp_path, "solid text", "t.obj")
+    geom = f'{FREE}<geom type="mesh" mesh="t" mass="0"/>'
+    text = MJCF.format(free=geom, more=TETRAHEDRON)
+    assert not any('"t"' in note for note in read(tmp_path, text, "r.xml").notes)
+    file = read(tmp_path, text, "r.xml", geometry=True)
+    assert file.spec.compile().nmesh == 0
+    assert any('mesh "t" dropped' in note for note in file.notes)
+
+
 BROKEN_MJCF = {
     "<mujoco/>": "no bodies",
     '<mujoco><worldbody><body><freejoint/><geom size="1"/></body>'
@@ -524,6 +535,10 @@ def test_included_files_are_read_and_checked(tmp_path):
         tmp_path, "<mujocoinclude><option timestep='0.007'/></mujocoinclude>", "i.xml"
     )
     assert read(tmp_path, text, "robot.xml").spec.option.timestep == 0.007
+    loop = '<mujocoinclude><include file="i.xml"/></mujocoinclude>'
+    written(tmp_path, loop, "i.xml")
+    with pytest.raises(ModelError, match="includes itself"):
+        read(tmp_path, text, "robot.xml")
 
 
 # Names and paths.

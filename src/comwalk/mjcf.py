@@ -65,7 +65,9 @@ def read_mjcf(root: ET.Element, path: Path, *, geometry: bool) -> ModelFile:
     )
 
 
-def _check_numbers(root: ET.Element, folder: Path) -> None:
+def _check_numbers(
+    root: ET.Element, folder: Path, above: tuple[Path, ...] = ()
+) -> None:
     """Check that all numbers are finite, in included files too."""
     for element in root.iter():
         for key, text in element.attrib.items():
@@ -75,11 +77,13 @@ def _check_numbers(root: ET.Element, folder: Path) -> None:
                 )
         if element.tag == "include":
             file = folder / element.get("file", "")
+            if file in above:
+                raise ModelError(f"included file {file} includes itself; cut the loop")
             try:
                 included = ET.parse(file).getroot()
             except (OSError, ET.ParseError, ValueError) as error:
                 raise ModelError(f"included file {file}: {one_line(error)}") from None
-            _check_numbers(included, folder)
+            _check_numbers(included, folder, (*above, file))
 
 
 def _name_all(spec: mujoco.MjSpec) -> None:
@@ -229,7 +233,7 @@ def _drop_missing_meshes(spec: mujoco.MjSpec, notes: list[str]) -> None:
     }
     geoms = [geom for geom in spec.geoms if geom.meshname in missing]
     for geom in geoms:
-        if not geom.parent.explicitinertial and geom.mass != 0.0 and geom.density:
+        if _gives_inertia(spec, geom):
             raise ModelError(
                 f'body "{geom.parent.name}" has no <inertial>, and its mesh '
                 f"{_mesh_path(spec, missing[geom.meshname])} does not exist; add one"
@@ -245,19 +249,25 @@ def _drop_missing_meshes(spec: mujoco.MjSpec, notes: list[str]) -> None:
 def _drop_meshes(spec: mujoco.MjSpec) -> None:
     """Drop all meshes from files; bodies keep the inertia that they had from them."""
     _drop_textures(spec)
-    files, always = _files(spec), mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    from_geoms = spec.compiler.inertiafromgeom == always
+    files = _files(spec)
     needed, spare = [], []
     for geom in spec.geoms:
         if geom.meshname in files and geom.type == _MESH and not _is_named(spec, geom):
-            fixed = geom.parent.explicitinertial and not from_geoms
-            (spare if fixed else needed).append(geom)
+            (needed if _gives_inertia(spec, geom) else spare).append(geom)
     _delete_geoms(spec, spare)
     _drop_unused_meshes(spec)
     if needed:
         _freeze_inertia(spec)
         _delete_geoms(spec, needed)
         _drop_unused_meshes(spec)
+
+
+def _gives_inertia(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> bool:
+    """Return whether a geom adds to the inertia of its body."""
+    always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
+    if geom.parent.explicitinertial and spec.compiler.inertiafromgeom != always:
+        return False
+    return bool(geom.density if np.isnan(geom.mass) else geom.mass)
 
 
 def _is_named(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> bool:

@@ -24,11 +24,11 @@ from .urdf import read_urdf
 ROBOTS = {
     "paper": "the paper's humanoid: 67.68 kg, CoM at 0.687 m, 30 joints",
     "jvrc1": "JVRC-1, a virtual humanoid of 62 kg; pip install jvrc_description",
-    "talos": "PAL Robotics TALOS, 90 kg; pip install example-robot-data",
-    "talos_full": "TALOS with all its finger joints; pip install example-robot-data",
+    "talos": "PAL Robotics TALOS, 90 kg, hands fixed; pip install example-robot-data",
+    "talos_full": "PAL Robotics TALOS, 93 kg, hands move; pip install example-robot-data",
     "g1": "Unitree G1 with 29 joints, 33 kg; pip install example-robot-data",
     "romeo": "Aldebaran Romeo, 41 kg; pip install example-robot-data",
-    "icub": "IIT iCub, 30 kg; pip install example-robot-data",
+    "icub": "IIT iCub, 28 kg; pip install example-robot-data",
     "mjlab_g1": "Unitree G1 as mjlab trains it, 33 kg; pip install mjlab",
 }
 """Names of the robots that are found in installed packages, and what they are."""

@@ -25,7 +25,7 @@ ROBOTS = {
     "paper": "the paper's humanoid: 67.68 kg, CoM at 0.687 m, 30 joints",
     "jvrc1": "JVRC-1, a virtual humanoid of 62 kg; pip install jvrc_description",
     "talos": "PAL Robotics TALOS, 90 kg, hands fixed; pip install example-robot-data",
-    "talos_full": "PAL Robotics TALOS, 93 kg, hands move; pip install example-robot-data",
+    "talos_full": "TALOS with hands that move, 93 kg; pip install example-robot-data",
     "g1": "Unitree G1 with 29 joints, 33 kg; pip install example-robot-data",
     "romeo": "Aldebaran Romeo, 41 kg; pip install example-robot-data",
     "icub": "IIT iCub, 28 kg; pip install example-robot-data",

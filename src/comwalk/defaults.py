@@ -17,11 +17,12 @@ import numpy as np
 
 from .control import PAPER_GAINS, ControlSettings, Gains
 from .errors import ParameterError, checked_number
-from .footsteps import PAPER_GAIT, Gait, plan_steps
+from .footsteps import PAPER_GAIT, Gait, Side, plan_steps
 from .pattern import Pattern, make_pattern
 from .pendulum import PAPER_PENDULUM, Pendulum
-from .resolution import Posture
-from .robot import Kinematics, Robot
+from .resolution import CartesianMotion, JointMotion, Posture, Task
+from .resolver import Resolver
+from .robot import LEGS, Kinematics, Robot
 from .sampled import SampledLoop, highest_cutoff
 from .settings import Control
 
@@ -52,10 +53,52 @@ def default_pendulum(robot: Robot) -> Pendulum:
         robot: The robot.
 
     Returns:
-        Its CoM height above the soles, to 1 mm, and the gravity of its model.
+        Its CoM height above the soles, to 1 mm, the gravity of its model, and how
+        much longer its legs make the pendulum; the paper's robot keeps the paper's
+        point mass.
     """
     height = round(_com_height(_home_posture(robot)), 3)
-    return Pendulum(height=height, gravity=robot.gravity)
+    inertia = 0.0 if robot.name == "paper" else round(sway_inertia(robot), 3)
+    return Pendulum(height=height, gravity=robot.gravity, inertia=inertia)
+
+
+def sway_inertia(robot: Robot) -> float:
+    r"""Return the angular momentum that comes with a sway of the body, as a share.
+
+    On two feet, the trunk upright, the legs turn as the CoM moves. The ZMP of such a
+    motion is
+
+    .. math:: p = c - \frac{c_z}{g} (1 + \kappa) \ddot c, \quad
+        \kappa = \frac{|L|}{m c_z |\dot c|}
+
+    so that the robot is a longer pendulum than its CoM alone, Eqs. (1), (2).
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        kappa [-], the mean of a forward and a sideways sway.
+    """
+    kinematics = Kinematics(robot)
+    posture = kinematics.posture(robot.home)
+    shares = []
+    for velocity, axis, sign in (((1.0, 0.0, 0.0), 1, 1.0), ((0.0, 1.0, 0.0), 0, -1.0)):
+        sway = _sway(robot, posture, np.array(velocity))
+        L = kinematics.angular_momentum(sway)
+        shares.append(sign * L[axis] / (robot.mass * _com_height(posture)))
+    return float(np.mean(shares))
+
+
+def _sway(robot: Robot, posture: Posture, com_velocity: np.ndarray) -> np.ndarray:
+    """Return v = [xdot_o; qdot] that moves the CoM over standing feet."""
+    still: dict[str, CartesianMotion | JointMotion] = {
+        limb.name: JointMotion(np.zeros(len(limb.joints))) for limb in robot.limbs
+    }
+    base = LEGS[Side.LEFT]
+    del still[base]
+    still[LEGS[Side.RIGHT]] = CartesianMotion(np.zeros(6))
+    task = Task(com_velocity, base, np.zeros(6), np.zeros(3), still)
+    return Resolver(robot.limbs).resolve(posture, task).velocity
 
 
 def default_gait(

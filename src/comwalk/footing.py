@@ -161,6 +161,7 @@ class Footing:
         single = reference.phase in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT)
         swing = reference.support.other
         surplus = left_share - reference.left_load
+        surplus -= min(max(surplus, -_TOLERANCE), _TOLERANCE)
         for side in Side:
             swings = single and side is swing
             self._land(side, reference, swings, surplus * side.sign)
@@ -177,7 +178,7 @@ class Footing:
         dt, h = self._period, self.heights[side]
         if not self._settings.landing:
             return
-        if swings and (surplus <= 0.05 or reference.foot(side).velocity[2] > 0.0):
+        if swings and (surplus <= 0.0 or reference.foot(side).velocity[2] > 0.0):
             self.heights[side] = h - dt / _RETURN * h
             return
         if reference.phase is Phase.DOUBLE or swings:
@@ -193,4 +194,5 @@ class Footing:
             self.leans[k] += self._period / time * (goal - self.leans[k])
 
 
+_TOLERANCE = 0.25  # share of the weight by which a landing may differ from its plan
 _REACH = 0.05  # farthest that a foot leaves its plan up or down [m]

@@ -64,6 +64,7 @@ def mark(file: ModelFile, profile: Mapping[str, object] | None = None) -> Anatom
         model,
         _limbs_of(model, anatomy),
         profile.get("home"),
+        torque_limits(model, file.torque),
         **profile.get("stance", {}),
     )
     _add_servos(spec, model, anatomy, q, gains, file)
@@ -327,6 +328,23 @@ def _sole_site(model: mujoco.MjModel, side: Side) -> int:
 # ---- Servos -----------------------------------------------------------------------
 
 
+def torque_limits(
+    model: mujoco.MjModel, torque: Mapping[str, float]
+) -> np.ndarray:
+    """Return torque limits, infinite where a file gives none or zero.
+
+    Args:
+        model: The compiled model.
+        torque: Limits [N m] by joint.
+
+    Returns:
+        Limits [N m], of shape (joints,).
+    """
+    names = [model.joint(k).name for k in range(1, model.njnt)]
+    limits = np.array([torque.get(name, math.inf) for name in names])
+    return np.where(limits > 0.0, limits, math.inf)
+
+
 def _add_servos(
     spec: mujoco.MjSpec,
     model: mujoco.MjModel,
@@ -337,6 +355,7 @@ def _add_servos(
 ) -> None:
     """Give each joint a position servo: the file's own, or a designed one."""
     designed = design_stiffness(model, anatomy, q)
+    limits = torque_limits(model, file.torque)
     for joint in spec.joints:
         if joint.name not in designed:
             continue
@@ -352,8 +371,8 @@ def _add_servos(
         actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
         actuator.gainprm[0] = stiffness
         actuator.biasprm[1], actuator.biasprm[2] = -stiffness, -damping
-        torque = file.torque.get(joint.name, math.inf)
-        if math.isfinite(torque) and torque > 0.0:
+        torque = float(limits[k - 1])
+        if math.isfinite(torque):
             actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
             actuator.forcerange = [-torque, torque]
 

@@ -33,17 +33,24 @@ class Pendulum:
     gravity: float = 9.81
     """Gravitational acceleration, g [m/s^2], in [0.1, 100]."""
 
+    inertia: float = 0.0
+    """Angular momentum about the CoM that comes with the CoM's motion, as a share of
+    m c_z times its velocity [-], in [-0.5, 2]. The paper's point mass has none; legs
+    that sway under an upright trunk make the pendulum longer by this share."""
+
     def __post_init__(self) -> None:
         """Check the ranges; store floats."""
         c_z = checked_number("height", self.height, unit="m", low=0.05, high=10.0)
         g = checked_number("gravity", self.gravity, unit="m/s^2", low=0.1, high=100.0)
         object.__setattr__(self, "height", c_z)
         object.__setattr__(self, "gravity", g)
+        kappa = checked_number("inertia", self.inertia, low=-0.5, high=2.0)
+        object.__setattr__(self, "inertia", kappa)
 
     @property
     def omega(self) -> float:
-        """Natural frequency omega_n = sqrt(g / c_z) [rad/s]."""
-        return math.sqrt(self.gravity / self.height)
+        """Natural frequency omega_n = sqrt(g / (c_z (1 + inertia))) [rad/s]."""
+        return math.sqrt(self.gravity / (self.height * (1.0 + self.inertia)))
 
 
 PAPER_PENDULUM = Pendulum()

@@ -22,10 +22,14 @@ from .footsteps import Side
 from .resolution import sigma_min
 from .spatial import level_error
 
-BEND = 0.135
+BEND = 0.18
 """Smallest singular value of a leg's Jacobian to walk with [rad], lengths taken in
 units of the leg's length; that of the paper's robot."""
 
+LEAST_BEND = 0.12
+"""The least that it may be where joints are too weak for more."""
+
+_EFFORT = 2.0 / 3.0  # share of the leg's torques that standing on one foot may take
 _HEIGHTS = 0.98, 0.55, 44  # hips over ankles, in lengths of the leg, in steps
 
 LEAST_GAP = 0.02
@@ -52,7 +56,8 @@ def find_posture(
     model: mujoco.MjModel,
     limbs: Limbs,
     given: Mapping[str, float] | None = None,
-    bend: float = BEND,
+    torque: np.ndarray | None = None,
+    bend: float | None = None,
     half_width: float | None = None,
 ) -> np.ndarray:
     """Return a posture to walk from.
@@ -61,7 +66,11 @@ def find_posture(
         model: The compiled model, x forward.
         limbs: Its limbs.
         given: Angles that are known [rad], by joint; the others are found.
-        bend: How far the legs stay from their singular posture.
+        torque: Torque limits of the joints [N m], of shape (joints,); where bent legs
+            would need more than two thirds of them on one foot, the legs are
+            stretched, down to `LEAST_BEND`.
+        bend: How far the legs stay from their singular posture; `BEND`, or what the
+            torques allow, if None.
         half_width: Half of the distance between the soles' centres [m]; that of the
             zero posture if None, but never so that the soles meet.
 
@@ -73,7 +82,13 @@ def find_posture(
     """
     seeker = _Seeker(model, limbs, given or {}, half_width)
     seeker.hang_arms()
-    return seeker.bend_legs(bend)
+    if bend is not None or torque is None:
+        return seeker.bend_legs(BEND if bend is None else bend)
+    for bend in np.linspace(BEND, LEAST_BEND, 7):
+        q = seeker.bend_legs(float(bend))
+        if seeker.effort(torque) <= _EFFORT:
+            break
+    return q
 
 
 class _Seeker:
@@ -177,6 +192,27 @@ class _Seeker:
             )
         high = found[-2][0] if len(found) > 1 else found[-1][0]
         return self._refined(high, *found[-1], bend, length)
+
+    def effort(self, torque: np.ndarray) -> float:
+        """Return the largest share of a leg's torques that standing on one foot takes.
+
+        Args:
+            torque: Torque limits [N m], of shape (joints,).
+
+        Returns:
+            The share; the force is that of the whole weight through the sole's centre.
+        """
+        m, d = self.model, self.data
+        weight = float(m.body_subtreemass[m.jnt_bodyid[0]]) * abs(m.opt.gravity[2])
+        mujoco.mj_forward(m, d)
+        shares = [0.0]
+        for side in Side:
+            J = np.zeros((3, m.nv))
+            mujoco.mj_jacSite(m, d, J, None, self.limbs.soles[side])
+            columns = m.jnt_dofadr[list(self.limbs.legs[side])]
+            needed = np.abs(d.qfrc_bias - weight * J[2])[columns]
+            shares.append(float((needed / torque[columns - 6]).max()))
+        return max(shares)
 
     def _refined(
         self, high: float, low: float, q: np.ndarray, bend: float, length: float

@@ -551,3 +551,21 @@ class Kinematics:
         np.subtract(self._gravity, com_acceleration, out=self._felt)
         mujoco.mj_rne(self._accelerating, self.data, 0, forces)
         return forces
+
+    def angular_momentum(self, velocity: np.ndarray) -> np.ndarray:
+        """Return the angular momentum about the CoM.
+
+        It belongs to the configuration of the last `update` or `posture`.
+
+        Args:
+            velocity: v = [xdot_o; qdot] [m/s, rad/s], world axes.
+
+        Returns:
+            Angular momentum [N m s], world, of shape (3,).
+        """
+        m, d = self.robot.model, self.data
+        d.qvel[:] = velocity
+        d.qvel[3:6] = velocity[3:6] @ self._xmat
+        mujoco.mj_comVel(m, d)
+        mujoco.mj_subtreeVel(m, d)
+        return d.subtree_angmom[self._root].copy()

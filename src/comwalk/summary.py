@@ -123,7 +123,8 @@ def sole_margins(log: Log, robot: Robot) -> np.ndarray:
     """Return how far inside the stance sole the centre of pressure stays.
 
     It is the one that the stance foot's own ankle sensor feels, without noise and
-    delay, in single support, while the foot bears weight.
+    delay, in single support, while that foot alone bears the robot: until the other
+    foot has let go, and from when it lands, the robot stands on both.
 
     Args:
         log: The record.
@@ -137,14 +138,17 @@ def sole_margins(log: Log, robot: Robot) -> np.ndarray:
         ((Side.LEFT, Phase.SINGLE_LEFT), (Side.RIGHT, Phase.SINGLE_RIGHT))
     ):
         foot = robot.feet[side]
-        wrenches = log["wrenches_true"][log["phase"] == phase, k]
+        rows, weight = log["phase"] == phase, robot.mass * robot.gravity
+        wrenches = log["wrenches_true"][rows, k]
         points = _sole_pressure(robot, side, wrenches)
-        loaded = wrenches[:, 2] > _LOADED * robot.mass * robot.gravity
-        margins.append(_margins(foot.sole, points[loaded]))
+        alone = log["loads_true"][rows, 1 - k] < _UNLOADED * weight
+        alone &= wrenches[:, 2] > _LOADED * weight
+        margins.append(_margins(foot.sole, points[alone]))
     return np.concatenate(margins)
 
 
-_LOADED = 0.05  # share of the weight above which a foot has a centre of pressure
+_LOADED = 0.2  # share of the weight above which a foot has a centre of pressure
+_UNLOADED = 0.005  # share of the weight under which a foot does not bear the robot
 
 
 def _sole_pressure(robot: Robot, side: Side, wrenches: np.ndarray) -> np.ndarray:

@@ -10,6 +10,7 @@ import hashlib
 import json
 import multiprocessing
 import os
+import threading
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
@@ -88,27 +89,28 @@ def _digest(data: bytes) -> str:
 def jobs_of(
     robots: Iterable[str],
     cases: Iterable[Case],
-    ablations: Iterable[Ablation] = (DEFAULT,),
+    ablations: Iterable[Ablation] = (OPEN_LOOP,),
 ) -> list[Job]:
-    """Return the jobs of a bench: floors in open loop too, to compare.
+    """Return the jobs of a bench: the walk forward and floors with ablations too.
 
     Args:
         robots: Names or files.
-        cases: What each does.
-        ablations: Controllers to do it with.
+        cases: What each does with the default controller.
+        ablations: Other controllers, to compare.
 
     Returns:
         The jobs, robot by robot.
     """
-    cases, ablations = tuple(cases), tuple(ablations)
-    jobs = []
-    for robot in robots:
-        for case in cases:
-            own = list(ablations)
-            if case.group == "floor" and OPEN_LOOP not in own:
-                own.append(OPEN_LOOP)
-            jobs += [Job(robot=robot, case=case, ablation=a) for a in own]
-    return jobs
+    cases, others = tuple(cases), tuple(ablations)
+    return [
+        Job(robot=robot, case=case, ablation=ablation)
+        for robot in robots
+        for case in cases
+        for ablation in (DEFAULT, *(others if case.group in _COMPARED else ()))
+    ]
+
+
+_COMPARED = ("forward", "floor")  # groups that ablations do too
 
 
 def chosen(cases: Sequence[Case], names: Sequence[str]) -> tuple[Case, ...]:
@@ -251,7 +253,8 @@ def _share_out(
     # Fresh processes: a copy of one that runs MuJoCo's or BLAS's threads may hang.
     context = multiprocessing.get_context("spawn")
     os.environ.setdefault("OMP_NUM_THREADS", "1")  # each process is one thread
-    with ProcessPoolExecutor(min(workers, len(jobs)), mp_context=context) as pool:
+    count = min(workers, len(jobs))
+    with ProcessPoolExecutor(count, context, initializer=_end_with_parent) as pool:
         pending: dict[Future[Result], Job] = {
             pool.submit(perform, job.robot, job.ablation.of(job.case)): job
             for job in jobs
@@ -267,3 +270,15 @@ def _share_out(
         except BaseException:
             pool.shutdown(wait=False, cancel_futures=True)
             raise
+
+
+def _end_with_parent() -> None:
+    """Make this process end when the one that started it is killed."""
+    parent = multiprocessing.parent_process()
+
+    def wait() -> None:
+        if parent is not None:
+            parent.join()
+            os._exit(1)
+
+    threading.Thread(target=wait, daemon=True).start()

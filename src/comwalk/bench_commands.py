@@ -23,15 +23,18 @@ from rich.progress import (
 from rich.table import Table
 
 from .bench import ROBOTS, Job, chosen, jobs_of, run_jobs
-from .errors import RunError
+from .errors import ParameterError, RunError, nearest
 from .footsteps import checked_count
 from .report import Findings, tables_of_findings, write_report
 from .run import prepare_folder
 from .trials import (
+    ABLATIONS,
     DEFAULT,
+    OPEN_LOOP,
     PUSH_SHARES,
     REPORT_SEEDS,
     TUNING_SEEDS,
+    Ablation,
     Case,
     all_cases,
 )
@@ -54,6 +57,14 @@ def bench(
     cases: Annotated[
         str | None,
         Parameter(help="Groups of cases, comma-separated, such as forward,push,floor."),
+    ] = None,
+    ablations: Annotated[
+        str | None,
+        Parameter(
+            help="Other controllers for the walk forward and the floors, "
+            f"comma-separated: {', '.join(a.name for a in ABLATIONS)}; or all "
+            "(default open loop)."
+        ),
     ] = None,
     quick: Annotated[
         bool,
@@ -83,7 +94,9 @@ def bench(
     """
     if write and not DOCUMENT.parent.is_dir():
         raise RunError("--write needs the folder docs; start at the root of the source")
-    jobs = _jobs(robots, cases, quick, write)
+    cases_done = _cases(_listed(cases), quick, write)
+    others = _ablations(_listed(ablations))
+    jobs = jobs_of(_listed(robots) or ROBOTS, cases_done, others)
     processes = checked_count("workers", workers or os.cpu_count(), 1, _MAX_WORKERS)
     folder = prepare_folder(out)
     with _progress(len(jobs), quiet=json) as progress:
@@ -97,13 +110,24 @@ def bench(
     return int(any(_failed(*pair) for pair in zip(jobs, results, strict=True)))
 
 
-def _jobs(robots: str | None, cases: str | None, quick: bool, write: bool) -> list[Job]:
-    """Return what is to be done."""
+def _cases(names: list[str], quick: bool, write: bool) -> tuple[Case, ...]:
+    """Return what each robot is to do."""
     seeds = REPORT_SEEDS if write else TUNING_SEEDS
     every = all_cases(seeds[:3] if quick else seeds)
     if quick:
         every = tuple(case for case in every if _is_quick(case))
-    return jobs_of(_listed(robots) or ROBOTS, chosen(every, _listed(cases)))
+    return chosen(every, names)
+
+
+def _ablations(names: list[str]) -> list[Ablation]:
+    """Return controllers by name."""
+    known = {ablation.name: ablation for ablation in ABLATIONS}
+    for name in names:
+        if name not in known and name != "all":
+            raise ParameterError(f'unknown ablation "{name}"; {nearest(name, known)}')
+    if "all" in names:
+        return list(ABLATIONS)
+    return [known[name] for name in names] or [OPEN_LOOP]
 
 
 def _listed(text: str | None) -> list[str]:

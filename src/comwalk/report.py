@@ -83,6 +83,21 @@ def outcome_cell(result: Result | None) -> str:
     return f"{result['outcome']} at {result['time_s']:.1f} s"
 
 
+def zmp_cell(result: Result | None) -> str:
+    """Return the ZMP error of a walk.
+
+    Args:
+        result: What `perform` returned; None for what was not done.
+
+    Returns:
+        Root mean square in x and y [mm], or how the walk ended.
+    """
+    if result is None or result["outcome"] != "completed":
+        return outcome_cell(result)
+    zmp = result["zmp_error_rms_mm"]
+    return f"{zmp['x']:.1f} / {zmp['y']:.1f}"
+
+
 def speed_cell(result: Result | None) -> str:
     """Return the largest speed and what ends it.
 
@@ -159,6 +174,7 @@ def tables_of_findings(findings: Findings) -> list[Table]:
         _robot_table,
         _outcome_table,
         _figure_table,
+        _ablation_table,
         _disturbed_table,
         _speed_table,
         _floor_table,
@@ -219,10 +235,10 @@ def _figure_table(findings: Findings) -> Table:
         if r is None or r["outcome"] != "completed":
             yield from [outcome_cell(r), *[""] * 6]
             return
-        com, zmp = r["com_error_rms_mm"]["true"], r["zmp_error_rms_mm"]
+        com = r["com_error_rms_mm"]["true"]
         yield f"{r['end_error_pct']:.2f} %"
         yield f"{com['x']:.1f} / {com['y']:.1f}"
-        yield f"{zmp['x']:.1f} / {zmp['y']:.1f}"
+        yield zmp_cell(r)
         yield f"{r['sole_margin_p5_mm']:.0f} / {r['sole_margin_min_mm']:.0f}"
         yield f"{r['joint_speed_max_pct']:.0f} % {r['joint_speed_max_joint']}"
         yield f"{r['torque_max_pct']:.0f} % {r['torque_max_joint']}"
@@ -231,6 +247,18 @@ def _figure_table(findings: Findings) -> Table:
     head = ("robot", "end error / path", "CoM rms x / y [mm]", "ZMP rms x / y [mm]")
     head += ("sole margin 5 % / least [mm]", "joint speed", "torque", "x real time")
     return "The walk forward, 20 steps", head, _rows(findings, cells)
+
+
+def _ablation_table(findings: Findings) -> Table:
+    """The walk forward by controller."""
+
+    def cells(robot: str) -> Iterator[str]:
+        for name in findings.ablations:
+            for _, r in findings.of(robot, "forward", name) or [(None, None)]:
+                yield zmp_cell(r)
+
+    title = "The walk forward by controller: ZMP rms x / y [mm]"
+    return title, ("robot", *findings.ablations), _rows(findings, cells)
 
 
 def _disturbed_table(findings: Findings) -> Table:

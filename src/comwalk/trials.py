@@ -111,6 +111,22 @@ OPEN_LOOP = Ablation(
 )
 """The pattern alone, without feedback of CoM and ZMP."""
 
+ABLATIONS = (
+    OPEN_LOOP,
+    Ablation(name="no IMU", changes={"body.imu": False}),
+    Ablation(name="no landing", changes={"body.landing": 0.0}),
+    Ablation(name="no deflection", changes={"body.deflection_compensation": False}),
+    Ablation(
+        name="paper",
+        changes={
+            "body.imu": False,
+            "body.landing": 0.0,
+            "body.deflection_compensation": False,
+        },
+    ),
+)
+"""Each takes something away from the controller, the last all but the paper's law."""
+
 
 # ---- The list ---------------------------------------------------------------------
 

@@ -151,12 +151,16 @@ class Footing:
         dyaw = math.remainder(yaw - yaw_d, math.tau)
         self._offsets[new] = (x - x_d, y - y_d, dyaw)
 
-    def follow(self, reference: Reference, left_share: float) -> None:
+    def follow(
+        self, reference: Reference, left_share: float, edges: np.ndarray
+    ) -> None:
         """Move the commanded feet towards what was felt.
 
         Args:
             reference: The reference of this tick.
             left_share: Share of the weight that the left foot bears [-].
+            edges: Where each foot's centre of pressure is, x and y as shares of the
+                sole's half length and half width, (2, 2); zero for a foot in the air.
         """
         single = reference.phase in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT)
         swing = reference.support.other
@@ -165,7 +169,7 @@ class Footing:
         for side in Side:
             swings = single and side is swing
             self._land(side, reference, swings, surplus * side.sign)
-            self._lie(side, swings)
+            self._lie(side, swings, edges)
         if single:
             keep = 1.0 - self._period / _RETURN
             dx, dy, dyaw = self._offsets[swing]
@@ -186,13 +190,23 @@ class Footing:
             h += rate * dt * self._settings.landing * surplus
         self.heights[side] = min(max(h - dt / _SETTLE * h, -_REACH), _REACH)
 
-    def _lie(self, side: Side, swings: bool) -> None:
-        """Let a sole lie as the IMU says it does, and a swinging one be level."""
-        if self._settings.imu:
-            k = FOOT_INDEX[side]
-            goal, time = (0.0, _RETURN) if swings else (self._up[k], _LEAN)
-            self.leans[k] += self._period / time * (goal - self.leans[k])
+    def _lie(self, side: Side, swings: bool, edges: np.ndarray) -> None:
+        """Let a sole lie as the IMU says it does, and a swinging one be level.
+
+        A sole that stands on an edge is turned the other way until it lies flat.
+        """
+        if not self._settings.imu:
+            return
+        k, dt = FOOT_INDEX[side], self._period
+        if swings:
+            self.leans[k] -= dt / _RETURN * self.leans[k]
+            return
+        self.leans[k] += dt / _LEAN * (self._up[k] - self.leans[k])
+        edge = np.clip(edges[k], -1.0, 1.0)
+        past = np.sign(edge) * np.maximum(np.abs(edge) - _EDGE, 0.0) / (1.0 - _EDGE)
+        self.leans[k] += dt * self._settings.rolling * past
 
 
+_EDGE = 0.7  # share of the sole's half size beyond which it stands on its edge
 _TOLERANCE = 0.25  # share of the weight by which a landing may differ from its plan
 _REACH = 0.05  # farthest that a foot leaves its plan up or down [m]

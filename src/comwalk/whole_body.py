@@ -7,7 +7,7 @@ swing foot and the embedded motion as given limb motions.
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -20,10 +20,10 @@ from .pattern import Reference
 from .plant import Command, Sensors
 from .resolution import CartesianMotion, JointMotion, Posture, Resolution, Task
 from .resolver import RateLimits, Resolver
-from .robot import LEGS, Kinematics, Robot
+from .robot import LEGS, Foot, Kinematics, Robot
 from .sensing import Contact, Measurement, tilt_of, zmp_from_wrenches
 from .settings import BodySettings
-from .spatial import level_error, yaw_of
+from .spatial import level_error, rotate_twist, yaw_of
 
 
 class Body(Protocol):
@@ -108,6 +108,7 @@ class WholeBody:
         self._support = Side.LEFT
         self.footing = Footing(self.settings, period)
         self._left_share = 0.5
+        self._edges = np.zeros((2, 2))
         self._free = [
             (limb.name, np.array(limb.joints, dtype=np.intp))
             for limb in robot.limbs
@@ -132,6 +133,7 @@ class WholeBody:
         # Columns: force, torque, CoM of the foot, in the frame of its sensor.
         self._ankle_vectors = np.zeros((2, 3, 3))
         self._ankle_vectors[:, :, 2] = [foot.com for foot in feet]
+        self._soles = [_sole_sensor(self._sensed, foot) for foot in feet]
 
     def start(self, reference: Reference) -> Command:
         """Find the posture of the reference and return its set-points.
@@ -214,10 +216,23 @@ class WholeBody:
         load = left + right
         if load > 0.05 * self._weight:
             self._left_share = min(max(left / load, 0.0), 1.0)
+        self._feel_edges(sensors.wrenches)
         zmp = zmp_from_wrenches(contacts, least_load=0.05 * self._weight)
         self._zmp = self._zmp if zmp is None else zmp
         com = np.array(place.of(seen[4]))
         return Measurement(com, self._zmp, load, tilt_of(sensors.orientation))
+
+    def _feel_edges(self, wrenches: np.ndarray) -> None:
+        """Find where on the soles the ground presses, as shares of their half size."""
+        for k, foot in enumerate(self._soles):
+            f_x, f_y, f_z, m_x, m_y, _ = (foot.turn @ wrenches[k]).tolist()
+            f_z += self._foot_weights[k]
+            if f_z < 0.1 * self._weight:
+                self._edges[k] = 0.0
+                continue
+            x, y, z = foot.arm
+            self._edges[k, 0] = (x - (m_y + z * f_x) / f_z) / foot.half_length
+            self._edges[k, 1] = (y + (m_x - z * f_y) / f_z) / foot.half_width
 
     def _change_support(
         self, reference: Reference, points: np.ndarray, soles: np.ndarray
@@ -291,7 +306,7 @@ class WholeBody:
         trunk = K * level_error(reference.heading, posture.rotation)
         trunk[2] += reference.heading_rate
         swing = reference.support.other
-        self.footing.follow(reference, self._left_share)
+        self.footing.follow(reference, self._left_share, self._edges)
         motions: dict[str, CartesianMotion | JointMotion] = dict(
             self._joint_motions(reference.time, K)
         )
@@ -397,6 +412,26 @@ class WholeBody:
         shares = [load * w for w in wrench] + [(1.0 - load) * w for w in wrench]
         carried = self._commanded.holding_forces(reference.com_acceleration)
         return carried[6:] - np.array(shares) @ posture.jacobian[3:15, 6:]
+
+
+class _SoleSensor(NamedTuple):
+    """How an ankle sensor is over its sole."""
+
+    turn: np.ndarray  # sensor axes to the sole's, for force and torque, (6, 6)
+    arm: tuple[float, float, float]  # sensor from the sole's centre [m], sole's axes
+    half_length: float  # [m]
+    half_width: float  # [m]
+
+
+def _sole_sensor(kinematics: Kinematics, foot: Foot) -> _SoleSensor:
+    """Return how a foot's sensor is over its sole."""
+    kinematics.update(kinematics.robot.home)
+    (sole, sensor), (R_sole, R_sensor) = kinematics.sites(
+        np.array([foot.site, foot.sensor_site])
+    )
+    x, y, z = ((sensor - sole) @ R_sole).tolist()
+    length, width = np.abs(foot.sole).max(axis=0).tolist()
+    return _SoleSensor(rotate_twist(R_sole.T @ R_sensor), (x, y, z), length, width)
 
 
 _RECKONING = 5.0  # feedback of the supporting foot to its dead reckoning [1/s]

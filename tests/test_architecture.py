@@ -48,6 +48,9 @@ ORDER = (
     "terrain",
     "simulator",
     "whole_body",
+    "dynamics",
+    "self_collision",
+    "feasibility",
     # The loop, its record and its pictures.
     "walk",
     "log",
@@ -73,7 +76,8 @@ ORDER = (
 PACKAGES = {
     "mujoco": {
         *("model_parts", "meshes", "urdf", "mjcf", "model_files"),
-        *("robot", "simulator", "run", "render"),
+        *("robot", "simulator", "dynamics", "self_collision", "feasibility"),
+        *("run", "render"),
     },
     "trimesh": {"mesh_files"},
     "matplotlib": {"plot", "figures", "render"},

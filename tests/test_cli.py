@@ -11,6 +11,7 @@ import pytest
 
 from comwalk import cli, commands
 from comwalk.cli import main
+from comwalk.errors import ModelError
 from comwalk.simulator import SimulatedRobot
 
 SHORT = [
@@ -260,6 +261,42 @@ def test_the_pattern_has_the_papers_numbers(here, capsys):
     assert "0.0294051" in capsys.readouterr().out
 
 
+def test_a_check_tells_what_is_nearest_to_a_limit(here, capsys):
+    assert main(["check", "--steps", "3"]) == 0
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[0].split() == ["used", "what", "of", "asked", "limit", "unit", "at"]
+    assert lines[-1] == "it fits"
+    assert main(["check", "--steps", "3", "--json"]) == 0
+    result = json.loads(capsys.readouterr().out)
+    shares = [d["share"] for d in result["demands"]]
+    assert result["ok"]
+    assert shares == sorted(shares, reverse=True)
+    assert result["nearest"] == []
+    assert list(here.iterdir()) == []
+
+
+def test_a_check_tells_what_would_fit(here, capsys):
+    assert main(["check", "--steps", "3", "--gait.half-step", "0.16"]) == 1
+    assert "it does not fit; it would fit with" in capsys.readouterr().out
+    assert main(["check", "--gait.half-step", "0.16", "--steps", "3", "--json"]) == 1
+    result = json.loads(capsys.readouterr().out)
+    assert not result["ok"]
+    amounts = [change["amount"] for change in result["nearest"]]
+    assert amounts == sorted(amounts)
+    assert amounts
+
+
+def test_a_walk_that_does_not_fit_is_refused_unless_forced(here, capsys):
+    words = ["walk", *SHORT[2:], "--steps", "1", "--gait.half-step", "0.15"]
+    line = refused(capsys, *words)
+    assert "straight" in line
+    assert "it would fit with" in line
+    assert "--force" in line
+    assert list(here.iterdir()) == []
+    assert main([*words, "--force"]) in (0, 1)
+    assert "outcome" in capsys.readouterr().out
+
+
 def test_motions_are_listed_and_described(here, capsys):
     assert main(["motions", "--json"]) == 0
     rows = json.loads(capsys.readouterr().out)
@@ -274,12 +311,24 @@ def test_motions_are_listed_and_described(here, capsys):
 
 def test_robots_are_listed(capsys):
     assert main(["robots", "--json"]) == 0
-    (row,) = json.loads(capsys.readouterr().out)
-    assert row["name"] == "paper"
-    assert row["mass_kg"] == pytest.approx(67.68, abs=0.01)
-    assert row["com_height_m"] == pytest.approx(0.687, abs=1e-3)
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    assert rows["paper"]["installed"] == "yes"
+    assert {row["installed"].split()[0] for row in rows.values()} <= {"yes", "pip"}
     assert main(["robots"]) == 0
     assert "67.68" in capsys.readouterr().out
+
+
+def test_a_robot_that_is_missing_is_listed_with_the_remedy(capsys, monkeypatch):
+    from comwalk import model_files
+
+    def missing(name, **options):
+        raise ModelError("not there")
+
+    monkeypatch.setattr(model_files, "read_model", missing)
+    assert main(["robots", "--json"]) == 0
+    rows = {row["name"]: row for row in json.loads(capsys.readouterr().out)}
+    assert rows["talos"]["installed"] == "pip install example-robot-data"
+    assert "TALOS" in rows["talos"]["what"]
 
 
 def test_figures_are_drawn_with_their_numbers(here, capsys, monkeypatch):
@@ -303,7 +352,16 @@ def test_figures_are_drawn_with_their_numbers(here, capsys, monkeypatch):
 def test_help_names_all_commands(capsys):
     assert main(["--help"]) == 0
     out = capsys.readouterr().out
-    for name in ("walk", "dance", "pattern", "figures", "motions", "robots", "replay"):
+    for name in (
+        "walk",
+        "check",
+        "dance",
+        "pattern",
+        "figures",
+        "motions",
+        "robots",
+        "replay",
+    ):
         assert name in out
     assert main([]) == 0
     assert "walk" in capsys.readouterr().out
@@ -440,7 +498,7 @@ WRONG_WORDS = [
     ("walk broken.xml", "broken.xml"),
     ("walk binary.xml", "binary.xml"),
     ("walk empty.xml", "empty.xml"),
-    ("walk bare.xml", "l_sole"),
+    ("walk bare.xml", "no bodies"),
     ("walk folder/", "folder"),
     ("walk paper second", 'unexpected "second"'),
     ("walk --gaits.period 1", "--gait.period"),
@@ -531,6 +589,9 @@ WRONG_WORDS = [
     ("walk --config broken.toml", "not valid TOML"),
     ("walk --config stray.toml", "stray.toml: unknown key"),
     ("walk --config wrong.toml", "wrong.toml: gait.period"),
+    ("check --plant pendulum", "check needs a robot"),
+    ("check --out x", "--out"),
+    ("check ppaper", 'did you mean "paper"'),
     ("dance --motion papr", 'did you mean "paper"'),
     ("dance --duration nan", "duration"),
     ("dance --duration 1", "too short"),

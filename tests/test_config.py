@@ -371,8 +371,7 @@ def test_a_dance_uses_the_joints_of_the_roles(monkeypatch):
     """Roles of other names and other senses of rotation."""
 
     class Other:
-        roles = MappingProxyType({"l_elbow_pitch": "r_wrist_roll", "head_yaw": "no"})
-        signs = MappingProxyType({"r_wrist_roll": -1.0})
+        roles = MappingProxyType({"l_elbow_pitch": ("r_wrist_roll", -1.0)})
 
         def __getattr__(self, name):
             return getattr(paper(), name)

@@ -52,7 +52,8 @@ def scaled_file(folder: Path, scale: float) -> Path:
 @pytest.fixture(scope="module")
 def small(tmp_path_factory) -> Robot:
     """The paper's robot at a quarter of its size."""
-    return load_robot(scaled_file(tmp_path_factory.mktemp("robots"), 0.25))
+    path = scaled_file(tmp_path_factory.mktemp("robots"), 0.25)
+    return replace(load_robot(path), name="paper")  # and so a point mass
 
 
 def test_the_papers_robot_gets_the_papers_numbers():
@@ -89,6 +90,14 @@ def test_the_pattern_of_a_small_robot_is_the_papers_made_smaller(small):
     for t in (1.3, 2.1, 4.6):
         com, papers = ours.at(0.5 + 0.5 * t).com, theirs.at(0.5 + t).com
         assert com == pytest.approx(0.25 * papers, abs=5e-4)
+
+
+def test_turning_feet_that_would_meet_are_set_apart():
+    """The quicker they turn, the wider they stand; no more than soles need."""
+    slow, fast = (default_gait(paper(), turn=v) for v in (0.3, 1.1))
+    assert slow.half_width == 0.09
+    assert 0.1 < fast.half_width < 0.13
+    walk_pattern(paper(), 4, turn=1.1)
 
 
 def test_feet_that_would_meet_are_set_apart(small):

@@ -474,7 +474,7 @@ def test_joint_limits_bind_while_walking():
     upper = robot.upper.copy()
     upper[knee] = robot.home[7 + knee] + 0.05
     tight = dataclasses.replace(robot, upper=upper)
-    run = simulate(tight, pattern_of(2))
+    run = simulate(tight, pattern_of(2), force=True)
     assert run.log["limited"].max() >= 1
     assert run.log["loss"].max() > 0
     assert run.summary()["joint_limits_met_pct"] > 0

@@ -23,11 +23,12 @@ stopped it."""
 
 _COMMANDS = {
     "walk": "Walk in physics: with no arguments the paper's gait, 20 steps.",
+    "check": "Tell whether a robot is able to walk so, and what is nearest to a limit.",
     "dance": "Dance with both feet on the ground (Fig. 6).",
     "pattern": "Print the numbers of the walking pattern, Eqs. (4)-(13), Fig. 3.",
     "figures": "Draw the paper's Figs. 3, 5, 6 and 7, its figures beside ours.",
     "motions": "List the built-in dances, or describe a motion file.",
-    "robots": "List the built-in robots.",
+    "robots": "List the robots that are known by name.",
     "replay": "Summarise a run, or verify it with MuJoCo alone.",
 }
 _BENCH = "Try robots on walks, dances, floors, pushes and loads."

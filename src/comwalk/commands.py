@@ -30,7 +30,7 @@ from .config import (
     table_of,
 )
 from .dances import BUILTIN_MOTIONS, builtin_motion
-from .errors import RunError
+from .errors import ModelError, ParameterError, RunError
 from .flags import flags_of, given_flags, with_flags
 from .footsteps import plan_steps
 from .motion import Motion
@@ -44,6 +44,7 @@ LARGEST_REPLAY_ERROR = 1e-6
 # ---- Flags ----------------------------------------------------------------------
 
 _WalkFlags = flags_of(WalkConfig, ("robot",))
+_CheckFlags = flags_of(WalkConfig, ("robot", "out", "force"))
 _DanceFlags = flags_of(DanceConfig, ("robot",))
 _PatternFlags = flags_of(PatternConfig)
 
@@ -78,6 +79,44 @@ def walk(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) ->
     setup = build_walk(settings)
     words = command_line("walk", given, config)
     return _perform(settings, setup, "walk", words)
+
+
+@with_flags(_CheckFlags)
+def check(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -> int:
+    """Tell whether a robot is able to walk so, and what is nearest to a limit.
+
+    It takes what `comwalk walk` takes, and moves nothing. Exit code 0 if the walk fits,
+    1 if it does not; then it tells what would.
+    """
+    from .feasibility import advice, feasibility, nearest_plans
+
+    given = given_flags(flags) | ({} if robot is None else {"robot": robot})
+    settings = make_config(WalkConfig, given, config)
+    setup = build_walk(settings)
+    if setup.robot is None:
+        raise ParameterError('check needs a robot; leave out plant "pendulum"')
+    parts = setup.robot, setup.pattern, setup.motion
+    result = feasibility(*parts)
+    changes = () if result.ok else nearest_plans(*parts, result.worst)
+    rows = [dataclasses.asdict(demand) for demand in result.demands]
+    if settings.json:
+        nearest = [{"change": c.text, "amount": c.amount} for c in changes]
+        _print_json({"ok": result.ok, "nearest": nearest, "demands": _plain(rows)})
+    else:
+        cells = [_demand_cells(row) for row in rows[:_DEMANDS_SHOWN]]
+        _print_table(cells, ("used", "what", "of", "asked", "limit", "unit", "at"))
+        _print("it fits" if result.ok else f"it does not fit; {advice(changes)}")
+    return 0 if result.ok else 1
+
+
+_DEMANDS_SHOWN = 12
+
+
+def _demand_cells(row: dict[str, Any]) -> tuple[str, ...]:
+    """Return a demand for a table."""
+    used = f"{100 * row['share']:.1f} %"
+    numbers = (f"{row['demanded']:.3g}", f"{row['limit']:.3g}", row["unit"])
+    return used, row["what"], row["joint"], *numbers, f"{row['time']:.2f} s"
 
 
 @with_flags(_DanceFlags)
@@ -213,17 +252,18 @@ def _motion_rows(motion: Motion) -> list[dict[str, Any]]:
 
 
 def robots(*, json: _Json = False) -> int:
-    """List the built-in robots."""
-    from .robot import BUILTIN_ROBOTS, Kinematics, load_robot
+    """List the robots that are known by name, and how to get those that are missing."""
+    from .model_files import ROBOTS, read_model
 
     rows = []
-    for name, text in BUILTIN_ROBOTS.items():
-        robot = load_robot(name)
-        posture = Kinematics(robot).posture(robot.home)
-        height = float(posture.com[2] - posture.ends[:2, 2].min())
-        mass = round(robot.mass, 2)
-        row = {"name": name, "mass_kg": mass, "joints": len(robot.joints)}
-        rows.append({**row, "com_height_m": round(height, 3), "what": text})
+    for name, text in ROBOTS.items():
+        what, _, remedy = text.partition("; ")
+        try:
+            read_model(name)
+            remedy = "yes"
+        except ModelError:
+            pass
+        rows.append({"name": name, "installed": remedy, "what": what})
     _print_rows(rows, json)
     return 0
 

@@ -876,10 +876,9 @@ def _clip(robot: Robot, config: WalkConfig | DanceConfig, prefix: str) -> Motion
 
 def _builtin(robot: Robot, name: str, options: Mapping[str, Any]) -> Motion:
     """Return a built-in dance of the joints that a robot has."""
-    roles = getattr(robot, "roles", None) or {j: j for j in robot.upper_body}
-    roles = {role: joint for role, joint in roles.items() if joint in robot.upper_body}
-    motion = renamed(builtin_motion(name, **options), roles)
-    return placed(motion, robot.home_angles, getattr(robot, "signs", None))
+    joints = {role: joint for role, (joint, _) in robot.roles.items()}
+    motion = renamed(builtin_motion(name, **options), joints)
+    return placed(motion, robot.home_angles, dict(robot.roles.values()))
 
 
 def is_motion_file(source: str) -> bool:

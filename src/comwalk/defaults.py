@@ -42,8 +42,8 @@ MAX_HASTE = 4.0
 TRANSFER_SHARE = 0.1
 """t_d as a share of T [-]."""
 
-SOLE_GAP = 0.02
-"""Smallest distance between parallel soles, for the paper's robot [m]."""
+SOLE_GAP = 0.01
+"""Smallest distance of the soles when they pass, for the paper's robot [m]."""
 
 
 def default_pendulum(robot: Robot) -> Pendulum:
@@ -144,6 +144,8 @@ def default_gait(
     given = {**steps, **changes}
     T = checked_number("period", given.get("period", natural.period), unit="s")
     given.setdefault("transfer_time", _digits(TRANSFER_SHARE * T))
+    if robot is not None and "turn" in steps:
+        given.setdefault("half_width", _half_width(robot, natural, steps["turn"]))
     return replace(natural, **given)
 
 
@@ -274,16 +276,28 @@ def _natural_gait(robot: Robot | None) -> Gait:
     posture = _home_posture(robot)
     r = round(_com_height(posture), 3) / PAPER_PENDULUM.height
     left, right = posture.ends[:2, :2]
-    _, width = sole_size(robot)
-    apart = max(float(np.hypot(*(left - right))), width + SOLE_GAP * r)
+    usual = replace(PAPER_GAIT, half_width=0.5 * float(np.hypot(*(left - right))))
     times = ("period", "transfer_time", "start_time", "stop_time")
     lengths = ("half_step", "swing_height")
     return replace(
         PAPER_GAIT,
-        half_width=_digits(0.5 * apart),
+        half_width=_half_width(robot, usual, 0.0),
         **{k: _digits(math.sqrt(r) * getattr(PAPER_GAIT, k)) for k in times},
         **{k: _digits(r * getattr(PAPER_GAIT, k)) for k in lengths},
     )
+
+
+def _half_width(robot: Robot, usual: Gait, turn: float) -> float:
+    """Return half the distance of the feet [m], such that soles do not meet.
+
+    It is that of a gait, unless soles of l by w which turn by theta about the point
+    between them need more.
+    """
+    length, width = sole_size(robot)
+    gap = SOLE_GAP * usual.half_step / PAPER_GAIT.half_step
+    theta = abs(turn)
+    across = length * math.sin(theta) + width * (1.0 + math.cos(theta)) + 2 * gap
+    return _digits(max(usual.half_width, 0.5 * across / (1.0 + math.cos(theta))))
 
 
 _SPEEDS = {

@@ -541,6 +541,97 @@ def load_plan(
         raise PlanError(f"{path}: {error}") from None
 
 
+# Variations of a plan.
+
+
+def shortened(plan: FootstepPlan, factor: float) -> FootstepPlan:
+    """Return a plan with shorter, narrower and less turning steps.
+
+    Each foothold, seen from the other foot, moves toward the place beside it.
+
+    Args:
+        plan: The plan.
+        factor: Length of the steps, relative to the plan's, in [0, 1].
+
+    Returns:
+        The plan with the same sides and times.
+
+    Raises:
+        PlanError: If it cannot be walked.
+    """
+    start = _seen_from(plan.left, plan.right)
+    apart = abs(start.y)
+    feet = {Side.LEFT: plan.left}
+    feet[Side.RIGHT] = plan.left.compose(_toward_side(start, -apart, factor))
+    left, right, steps = *feet.values(), []
+    old = {Side.LEFT: plan.left, Side.RIGHT: plan.right}
+    for step in plan.steps:
+        side, stance = step.side, step.side.other
+        seen = _seen_from(old[stance], step.foothold)
+        place = _toward_side(seen, side.sign * apart, factor)
+        feet[side], old[side] = feet[stance].compose(place), step.foothold
+        x, y, yaw = _row(feet[side])
+        steps.append(dataclasses.replace(step, x=x, y=y, yaw=yaw))
+    return dataclasses.replace(plan, left=left, right=right, steps=tuple(steps))
+
+
+def slowed(plan: FootstepPlan, factor: float) -> FootstepPlan:
+    """Return a plan whose steps, start and stop take longer.
+
+    Args:
+        plan: The plan.
+        factor: Times, relative to the plan's; times stay within their ranges.
+
+    Returns:
+        The plan with the same footholds.
+    """
+
+    def times(owner: object, limits: Mapping[str, Any], *names: str) -> dict[str, Any]:
+        values = {name: factor * getattr(owner, name) for name in names}
+        return {n: min(max(t, limits[n][1]), limits[n][2]) for n, t in values.items()}
+
+    names = ("single_support", "double_support")
+    steps = [
+        dataclasses.replace(step, **times(step, _STEP_LIMITS, *names))
+        for step in plan.steps
+    ]
+    ends = times(plan, _GAIT_LIMITS, "start_time", "stop_time")
+    return dataclasses.replace(plan, steps=tuple(steps), **ends)
+
+
+def excerpt(plan: FootstepPlan, first: int, last: int) -> FootstepPlan:
+    """Return some of the steps of a plan, with a start and a stop of their own.
+
+    Args:
+        plan: The plan.
+        first: Number of the first step, from 0; may be negative.
+        last: Number of the step after the last one.
+
+    Returns:
+        A plan that starts where the feet then are.
+    """
+    first = min(max(first, 0), len(plan.steps))
+    left, right = (Foothold(*pose) for pose in foot_poses(plan)[first].tolist())
+    steps = plan.steps[first:last]
+    closing = plan.closing if last >= len(plan.steps) and steps else 0
+    return dataclasses.replace(
+        plan, left=left, right=right, steps=steps, closing=closing
+    )
+
+
+def _seen_from(foot: Foothold, other: Foothold) -> Foothold:
+    """Return where a foot is, seen from the other one."""
+    dx, dy = other.x - foot.x, other.y - foot.y
+    cos, sin = math.cos(foot.yaw), math.sin(foot.yaw)
+    turn = shortest_turn(foot.yaw, other.yaw)
+    return Foothold(cos * dx + sin * dy, cos * dy - sin * dx, turn)
+
+
+def _toward_side(seen: Foothold, side: float, factor: float) -> Foothold:
+    """Return a foothold moved toward the place beside the foot it is seen from."""
+    return Foothold(factor * seen.x, side + factor * (seen.y - side), factor * seen.yaw)
+
+
 # Checks of the geometry.
 
 

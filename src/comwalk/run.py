@@ -20,11 +20,11 @@ import numpy as np
 from .control import ControlSettings, WalkingController
 from .defaults import default_control
 from .errors import ParameterError, PlanError, RunError
+from .feasibility import check_feasible
 from .log import Log, save_columns
 from .motion import EmbeddedMotion
 from .pattern import Pattern
 from .plant import Disturbance, PendulumPlant, Plant, no_disturbance
-from .reach import check_reach
 from .robot import Robot
 from .settings import Control, SimulatorSettings
 from .simulator import SimulatedRobot
@@ -180,9 +180,9 @@ def simulate(
     control = control or default_control(robot)
     _check_pushes(pattern, physics)
     _check_gravity(robot, pattern)
-    if not force:
-        check_reach(robot, pattern)
     control.check(pattern)
+    if not force:
+        check_feasible(robot, pattern, motion)
     plant = SimulatedRobot(robot, control.period, physics, seed, pattern.plan)
     body = WholeBody(robot, control.period, motion, control.body)
     body.start(pattern.at(0.0))

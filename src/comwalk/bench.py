@@ -20,20 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from .errors import ParameterError, RunError
-from .run import plain
+from .run import plain, versions
 from .trials import DEFAULT, OPEN_LOOP, Ablation, Case, perform
-
-ROBOTS = (
-    "paper",
-    "jvrc1",
-    "talos",
-    "talos_full",
-    "g1",
-    "mjlab_g1",
-    "romeo",
-    "icub",
-)
-"""The robots that are tried unless others are named."""
 
 _SHOWN = ("bench", "bench_commands", "cli", "commands", "figures", "flags", "gl")
 _SHOWN += ("plot", "render", "report")  # modules that change no result
@@ -61,7 +49,8 @@ class Job:
     @property
     def key(self) -> str:
         """Digest of all that the result depends on."""
-        what = [self.robot, plain(self.ablation.of(self.case)), source_digest()]
+        case = plain(self.ablation.of(self.case))
+        what = [self.robot, case, source_digest(), versions()]
         if Path(self.robot).is_file():
             what.append(_digest(Path(self.robot).read_bytes()))
         return _digest(json.dumps(what, sort_keys=True).encode())

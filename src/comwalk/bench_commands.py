@@ -22,9 +22,10 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from .bench import ROBOTS, Job, chosen, jobs_of, run_jobs
+from .bench import Job, chosen, jobs_of, run_jobs
 from .errors import ParameterError, RunError, nearest
 from .footsteps import checked_count
+from .model_files import ROBOTS
 from .report import Findings, tables_of_findings, write_report
 from .run import prepare_folder
 from .trials import (
@@ -97,7 +98,8 @@ def bench(
     cases_done = _cases(_listed(cases), quick, write)
     others = _ablations(_listed(ablations))
     jobs = jobs_of(_listed(robots) or ROBOTS, cases_done, others)
-    processes = checked_count("workers", workers or os.cpu_count(), 1, _MAX_WORKERS)
+    processes = (os.cpu_count() or 1) if workers is None else workers
+    checked_count("workers", processes, 1, _MAX_WORKERS)
     folder = prepare_folder(out)
     with _progress(len(jobs), quiet=json) as progress:
         ledger = folder / "results.jsonl"

@@ -115,12 +115,14 @@ ABLATIONS = (
     OPEN_LOOP,
     Ablation(name="no IMU", changes={"body.imu": False}),
     Ablation(name="no landing", changes={"body.landing": 0.0}),
+    Ablation(name="no rolling", changes={"body.rolling": 0.0}),
     Ablation(name="no deflection", changes={"body.deflection_compensation": False}),
     Ablation(
         name="paper",
         changes={
             "body.imu": False,
             "body.landing": 0.0,
+            "body.rolling": 0.0,
             "body.deflection_compensation": False,
         },
     ),

@@ -2,45 +2,52 @@
 
 A model that was not made for comwalk gets what `robots/paper.xml` has: sites named
 after REP-120, ankle sensors and an IMU, one position servo a joint, a contact box
-under each foot and a keyframe "walk". What the file has already is kept.
+under each foot and a keyframe "walk". Its own position servos are kept.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from typing import Any
 
 import mujoco
 import numpy as np
 
 from .anatomy import Anatomy, find_anatomy
+from .coupling import Coupling, couple
 from .errors import ModelError, one_line
 from .footsteps import Side
 from .model_files import ModelFile
+from .model_parts import Mimic, quaternion_of
 from .posture import Limbs, find_posture
+from .profile import Profile
+from .servos import (
+    add_servos,
+    design_servos,
+    given_gains,
+    replaced_actuators,
+    soft_servos,
+)
+from .skeleton import Skeleton, zero_posture
+from .soles import Sole
 from .spatial import rotation_yaw
 
-LEG_STIFFNESS = 22.0
-"""Position gain of designed leg servos, in units of weight times CoM height [1/rad]."""
-
-ARM_FREQUENCY = 50.0
-"""Natural frequency of designed servos of the upper body [rad/s]."""
-
-SERVO_LAG = 0.02
-"""Velocity gain over position gain of designed servos [s]."""
-
-ARMATURE = 1.8e-5
-"""Rotor inertia at the joint over position gain, where the file has none [s^2]."""
-
-_SOLE_HEIGHT = 0.01  # half height of a contact box [m]
+_SOLE_HEIGHT = 0.013  # half height of a contact box, in leg lengths
+_GRIP = {"friction": [1.0, 0.02, 0.001], "solref": [0.005, 1.0]}
+"""How soles touch the ground: sliding, spinning, rolling; time [s] and damping."""
+_SITES = {
+    *(f"{s}_{n}" for s in "lr" for n in ("sole", "ankle_ft", "gripper", "wrist")),
+    *("l_sole_centre", "r_sole_centre", "imu", "torso", "gaze"),
+}
 
 
-def mark(file: ModelFile, profile: Mapping[str, object] | None = None) -> Anatomy:
+def mark(file: ModelFile, profile: Profile | None = None) -> Anatomy:
     """Give a model all that walking needs.
 
     Args:
         file: The model; its spec is changed.
-        profile: What a user knows better than `anatomy` and `posture`.
+        profile: What a user knows better.
 
     Returns:
         Its parts.
@@ -48,28 +55,40 @@ def mark(file: ModelFile, profile: Mapping[str, object] | None = None) -> Anatom
     Raises:
         ModelError: If it is no humanoid, or cannot stand.
     """
-    profile, name = profile or {}, str(file.path)
-    spec = file.spec
+    profile, name, spec = profile or Profile(), f"robot {file.path}", file.spec
     _name_geoms(spec)
     model = compile_model(spec, name)
-    anatomy = find_anatomy(model, file.meshes, name, profile)
-    gains = _given_gains(spec)
-    _lock(spec, model, anatomy.locked)
-    _drop_actuators(spec)
+    anatomy = find_anatomy(model, file.meshes, name, file.mimics, profile)
+    zero = zero_posture(model, name, file.mimics)
+    own = given_gains(spec)
+    notes = [replaced_actuators(spec)]
+    _lock(spec, zero, anatomy.locked)
+    _drop_what_drives(spec)
     _mute(spec)
-    _turn_base(spec, anatomy.forward)
-    _add_frames(spec, anatomy, model)
+    _add_frames(spec, zero, anatomy)
+    _turn_base(spec, zero, anatomy.forward)
+    couple_in_physics(spec, anatomy.coupled)
     model = compile_model(spec, name)
-    q = find_posture(
-        model,
-        _limbs_of(model, anatomy),
-        profile.get("home"),
-        torque_limits(model, file.torque),
-        **profile.get("stance", {}),
-    )
-    _add_servos(spec, model, anatomy, q, gains, file)
+    try:
+        q = find_posture(
+            model,
+            _limbs_of(model, anatomy),
+            profile.home,
+            torque_limits(model, file.torque),
+            profile.stance,
+        )
+    except ModelError as error:
+        raise ModelError(f"{name}: {error}") from None
+    design = design_servos(model, anatomy, q)
+    gains = {
+        joint: own.get(joint, designed).over(profile.servo.get(joint))
+        for joint, designed in design.gains.items()
+    }
+    add_servos(spec, model, gains, file.torque, design.armature)
     spec.add_key(name="walk", qpos=q.tolist())
-    return anatomy
+    mass = float(model.body_subtreemass[model.jnt_bodyid[0]])
+    notes.append(soft_servos(design, anatomy, own, mass))
+    return replace(anatomy, notes=(*anatomy.notes, *(n for n in notes if n)))
 
 
 def compile_model(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
@@ -104,6 +123,9 @@ def compile_model(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
     return model
 
 
+# ---- What the file has ------------------------------------------------------------
+
+
 def _name_geoms(spec: mujoco.MjSpec) -> None:
     """Give every geom a name, by which it can be found again."""
     taken = {geom.name for geom in spec.geoms}
@@ -115,50 +137,42 @@ def _name_geoms(spec: mujoco.MjSpec) -> None:
             geom.name = name
 
 
-def _lock(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, joints: Iterable[str]
-) -> None:
+def _lock(spec: mujoco.MjSpec, zero: Skeleton, joints: Iterable[str]) -> None:
     """Fix joints where they are in the zero posture; the masses stay."""
-    locked = set(joints)
+    model, locked = zero.model, set(joints)
     for joint in [j for j in spec.joints if j.name in locked]:
         k = model.joint(joint.name).id
-        low, high = model.jnt_range[k]
-        angle = float(np.clip(0.0, low, high)) if model.jnt_limited[k] else 0.0
-        if abs(angle) > 1e-9:
-            _move_body(joint, angle, model.jnt_type[k])
+        place = int(model.jnt_qposadr[k])
+        moved = float(zero.data.qpos[place] - model.qpos0[place])
+        if abs(moved) > 1e-9:
+            _move_body(joint, moved)
         spec.delete(joint)
 
 
-def _move_body(joint: mujoco.MjsJoint, value: float, kind: int) -> None:
-    """Put the body of a joint where the joint would have it."""
+def _move_body(joint: mujoco.MjsJoint, value: float) -> None:
+    """Put the body of a joint where the joint, moved by a value, would have it."""
     body, axis = joint.parent, np.asarray(joint.axis, float)
+    axis = axis / np.linalg.norm(axis)
     R = np.empty(9)
     mujoco.mju_quat2Mat(R, np.asarray(body.quat, float))
     R = R.reshape(3, 3)
-    if kind == int(mujoco.mjtJoint.mjJNT_SLIDE):
+    if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
         body.pos = np.asarray(body.pos) + R @ (value * axis)
         return
-    turn = np.empty(4)
-    mujoco.mju_axisAngle2Quat(turn, axis / np.linalg.norm(axis), value)
-    pivot, moved = np.asarray(joint.pos, float), np.empty(3)
+    turn, moved, product = np.empty(4), np.empty(3), np.empty(4)
+    mujoco.mju_axisAngle2Quat(turn, axis, value)
+    pivot = np.asarray(joint.pos, float)
     mujoco.mju_rotVecQuat(moved, pivot, turn)
+    mujoco.mju_mulQuat(product, np.asarray(body.quat, float), turn)
     body.pos = np.asarray(body.pos) + R @ (pivot - moved)
-    body.quat = _product(body.quat, turn)
+    body.quat = product
 
 
-def _given_gains(spec: mujoco.MjSpec) -> dict[str, tuple[float, float]]:
-    """Return position and velocity gain of the file's own position servos, by joint."""
-    gains = {}
-    for actuator in spec.actuators:
-        stiffness = -float(actuator.biasprm[1])
-        if stiffness > 0.0 and actuator.trntype == mujoco.mjtTrn.mjTRN_JOINT:
-            gains[actuator.target] = (stiffness, -float(actuator.biasprm[2]))
-    return gains
-
-
-def _drop_actuators(spec: mujoco.MjSpec) -> None:
-    """Remove what the file has instead of one servo a joint."""
-    for kind in (spec.actuators, spec.sensors, spec.keys):
+def _drop_what_drives(spec: mujoco.MjSpec) -> None:
+    """Remove actuators, sensors and keyframes, and tendons, which pull on joints."""
+    tied = (mujoco.mjtEq.mjEQ_TENDON, mujoco.mjtEq.mjEQ_JOINT)
+    bonds = [bond for bond in spec.equalities if bond.type in tied]
+    for kind in (bonds, spec.actuators, spec.sensors, spec.keys, spec.tendons):
         for element in list(kind):
             spec.delete(element)
 
@@ -167,80 +181,102 @@ def _mute(spec: mujoco.MjSpec) -> None:
     """Let nothing collide: the soles, which come later, are all that does."""
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = 0, 0
+    for pair in list(spec.pairs):
+        spec.delete(pair)
 
 
-def _turn_base(spec: mujoco.MjSpec, forward: float) -> None:
-    """Give the base a frame whose x axis points forward: turn all that is in it."""
-    if abs(forward) < 1e-9:
+def couple_in_physics(spec: mujoco.MjSpec, mimics: Iterable[Mimic]) -> None:
+    """Let joints follow others in the simulator, too.
+
+    Args:
+        spec: The model, changed in place.
+        mimics: Which joint follows which.
+    """
+    for mimic in mimics:
+        spec.add_equality(
+            type=mujoco.mjtEq.mjEQ_JOINT,
+            objtype=mujoco.mjtObj.mjOBJ_JOINT,
+            name1=mimic.joint,
+            name2=mimic.primary,
+            data=[mimic.offset, mimic.ratio, *[0.0] * 9],
+            solref=[0.005, 1.0],
+        )
+
+
+def _turn_base(spec: mujoco.MjSpec, zero: Skeleton, forward: float) -> None:
+    """Give the base axes that are x forward, z up in the zero posture."""
+    base = spec.worldbody.first_body()
+    R = rotation_yaw(forward).T @ zero.rotation(1)
+    base.quat = np.array([1.0, 0.0, 0.0, 0.0])
+    base.alt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    if np.allclose(R, np.eye(3), atol=1e-9):
         return
-    base, R = spec.worldbody.first_body(), rotation_yaw(-forward)
-    turn = np.array([math.cos(0.5 * forward), 0.0, 0.0, -math.sin(0.5 * forward)])
-    base.ipos = R @ np.asarray(base.ipos, float)
-    if np.isfinite(base.fullinertia[0]):
-        xx, yy, zz, xy, xz, yz = base.fullinertia.tolist()
-        full = R @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ R.T
-        base.fullinertia = full[[0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2]]
-    else:
-        base.iquat = _product(turn, base.iquat)
-    for part in (*base.bodies, *base.geoms, *base.sites, *base.cameras, *base.frames):
-        part.pos = R @ np.asarray(part.pos, float)
-        part.quat = _product(turn, part.quat)
-        if getattr(part, "fromto", None) is not None and np.isfinite(part.fromto[0]):
-            part.fromto = np.concatenate([R @ part.fromto[:3], R @ part.fromto[3:]])
+    _turn_inertia(base, zero.model.body(1), R)
+    frame = base.add_frame(quat=quaternion_of(R).tolist())
+    for part in (*base.bodies, *base.geoms, *base.sites, *base.cameras, *base.lights):
+        _put_in(part, frame)
 
 
-def _product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the product of two quaternions wxyz."""
-    product = np.empty(4)
-    mujoco.mju_mulQuat(product, a, np.asarray(b, float))
-    return product
+def _put_in(part: Any, frame: mujoco.MjsFrame) -> None:
+    """Put an element, or the outermost of the frames it is in, into a frame."""
+    while part.frame is not None and part.frame.name != frame.name:
+        part = part.frame
+    if part.frame is None:
+        part.set_frame(frame)
 
 
-def _add_frames(spec: mujoco.MjSpec, anatomy: Anatomy, model: mujoco.MjModel) -> None:
+def _turn_inertia(base: mujoco.MjsBody, compiled: Any, R: np.ndarray) -> None:
+    """Turn the inertia of the base, as the compiler has understood it."""
+    turn, product = quaternion_of(R), np.empty(4)
+    mujoco.mju_mulQuat(product, turn, compiled.iquat)
+    base.explicitinertial, base.mass = True, float(compiled.mass[0])
+    base.ipos, base.iquat = R @ compiled.ipos, product
+    base.inertia, base.fullinertia = compiled.inertia, np.full(6, np.nan)
+    base.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
+
+
+# ---- What walking needs -----------------------------------------------------------
+
+
+def _add_frames(spec: mujoco.MjSpec, zero: Skeleton, anatomy: Anatomy) -> None:
     """Add sites, contact boxes and sensors."""
     for site in [s for s in spec.sites if s.name in _SITES]:
         spec.delete(site)
     for side, sole in anatomy.soles.items():
-        _add_foot(spec, side, sole, anatomy, model)
-    trunk = _body_of(model, anatomy.torso) or model.body(model.jnt_bodyid[0]).name
-    _add_upright(spec, model, trunk, "imu", anatomy.forward)
+        _add_foot(spec, zero, side, sole, anatomy.legs[side])
+    upright = rotation_yaw(anatomy.forward)
+    _add_upright(spec, zero, anatomy.imu, "imu", upright)
     if anatomy.torso:
-        _add_upright(spec, model, trunk, "torso", anatomy.forward)
+        _add_upright(spec, zero, _body_of(zero, anatomy.torso), "torso", upright)
     for side, joints in anatomy.arms.items():
-        body = _body_of(model, joints)
-        spec.body(body).add_site(
-            name=f"{side.value[0]}_gripper", pos=_welded_com(model, body), group=4
-        )
+        body = _body_of(zero, joints)
+        place = _welded_com(zero, body).tolist()
+        spec.body(body).add_site(name=f"{side.value[0]}_gripper", pos=place, group=4)
     if anatomy.head:
-        _add_upright(spec, model, _body_of(model, anatomy.head), "gaze", anatomy.forward)
+        _add_upright(spec, zero, _body_of(zero, anatomy.head), "gaze", upright)
     _add_sensors(spec)
 
 
-_SITES = (
-    *(f"{s}_{n}" for s in "lr" for n in ("sole", "ankle_ft", "gripper", "wrist")),
-    "imu",
-    "torso",
-    "gaze",
-)
-
-
 def _add_foot(
-    spec: mujoco.MjSpec, side: Side, sole, anatomy: Anatomy, model: mujoco.MjModel
+    spec: mujoco.MjSpec,
+    zero: Skeleton,
+    side: Side,
+    sole: Sole,
+    leg: tuple[str, ...],
 ) -> None:
-    """Add the sole's contact box, its site and that of the ankle sensor."""
+    """Add the sole's contact boxes, its sites and that of the ankle sensor."""
     letter, body = side.value[0], spec.body(sole.body)
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, sole.rotation.ravel())
-    ankle = np.asarray(model.joint(anatomy.legs[side][-1]).pos, float)
-    below = sole.rotation.T @ (ankle - sole.position)
-    under = sole.position + sole.rotation @ [below[0], below[1], 0.0]
+    R, r = sole.rotation, sole.position
+    quat = quaternion_of(R).tolist()
+    x, y, height = sole.ankle
+    half = _SOLE_HEIGHT * zero.leg_length([zero.model.joint(j).id for j in leg])
     geoms = [geom for geom in spec.geoms if geom.name in sole.geoms]
-    for k, (x, y, length, width) in enumerate(sole.boxes):
+    for k, (a, b, length, width) in enumerate(sole.boxes):
         box = body.add_geom(
             name=f"{letter}_sole_contact_{k}",
             type=mujoco.mjtGeom.mjGEOM_BOX,
-            size=[0.5 * length, 0.5 * width, _SOLE_HEIGHT],
-            pos=sole.position + sole.rotation @ [x, y, _SOLE_HEIGHT],
+            size=[0.5 * length, 0.5 * width, half],
+            pos=(r + R @ [a, b, half]).tolist(),
             quat=quat,
             mass=0.0,
             group=3,
@@ -249,45 +285,31 @@ def _add_foot(
         geoms.append(box)
     for geom in geoms:
         geom.contype, geom.conaffinity, geom.condim, geom.priority = 1, 0, 3, 1
-        geom.friction, geom.solref = [1.0, 0.02, 0.001], [0.005, 1.0]
-    body.add_site(name=f"{letter}_sole", pos=under, quat=quat, group=4)
-    body.add_site(
-        name=f"{letter}_sole_centre", pos=sole.position, quat=quat, group=4
-    )
-    body.add_site(name=f"{letter}_ankle_ft", pos=ankle, quat=quat, group=4)
+        geom.friction, geom.solref = _GRIP["friction"], _GRIP["solref"]
+    places = {"sole": (x, y, 0.0), "sole_centre": (0, 0, 0), "ankle_ft": (x, y, height)}
+    for name, place in places.items():
+        pos = (r + R @ np.array(place)).tolist()
+        body.add_site(name=f"{letter}_{name}", pos=pos, quat=quat, group=4)
 
 
 def _add_upright(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, body: str, name: str, forward: float
+    spec: mujoco.MjSpec, zero: Skeleton, body: str, name: str, upright: np.ndarray
 ) -> None:
     """Add a site at a body's CoM that is upright in the zero posture, x forward."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    k = model.body(body).id
-    R = data.xmat[k].reshape(3, 3).T @ rotation_yaw(forward)
-    quat = np.empty(4)
-    mujoco.mju_mat2Quat(quat, R.ravel())
-    spec.body(body).add_site(
-        name=name, pos=_welded_com(model, body), quat=quat, group=4
-    )
+    R = zero.rotation(zero.model.body(body).id).T @ upright
+    place, quat = _welded_com(zero, body).tolist(), quaternion_of(R).tolist()
+    spec.body(body).add_site(name=name, pos=place, quat=quat, group=4)
 
 
-def _welded_com(model: mujoco.MjModel, body: str) -> np.ndarray:
+def _welded_com(zero: Skeleton, body: str) -> np.ndarray:
     """Return the CoM of a body and what is fixed to it [m], in its frame, (3,)."""
-    data = mujoco.MjData(model)
-    mujoco.mj_kinematics(model, data)
-    k = model.body(body).id
-    bodies = np.flatnonzero(model.body_weldid == model.body_weldid[k])
-    mass = model.body_mass[bodies] + 1e-12
-    centre = mass @ data.xipos[bodies] / mass.sum()
-    return data.xmat[k].reshape(3, 3).T @ (centre - data.xpos[k])
+    k = zero.model.body(body).id
+    return zero.rotation(k).T @ (zero.centre(k) - zero.data.xpos[k])
 
 
-def _body_of(model: mujoco.MjModel, joints: tuple[str, ...]) -> str:
-    """Return the body that the last of some joints moves; empty if there is none."""
-    if not joints:
-        return ""
-    return model.body(model.jnt_bodyid[model.joint(joints[-1]).id]).name
+def _body_of(zero: Skeleton, joints: tuple[str, ...]) -> str:
+    """Return the body that the last of some joints moves."""
+    return zero.model.body(zero.body_of(zero.model.joint(joints[-1]).id)).name
 
 
 def _add_sensors(spec: mujoco.MjSpec) -> None:
@@ -314,23 +336,27 @@ def _limbs_of(model: mujoco.MjModel, anatomy: Anatomy) -> Limbs:
     return Limbs(
         legs={s: index(anatomy.legs[s]) for s in Side},
         arms={s: index(joints) for s, joints in anatomy.arms.items()},
-        soles={s: _sole_site(model, s) for s in Side},
+        soles={s: model.site(f"{s.value[0]}_sole_centre").id for s in Side},
         hands={s: model.site(f"{s.value[0]}_gripper").id for s in anatomy.arms},
         widths={s: anatomy.soles[s].size[1] for s in Side},
+        coupling=coupling_of(model, anatomy.coupled),
     )
 
 
-def _sole_site(model: mujoco.MjModel, side: Side) -> int:
-    """Return the site at the centre of a sole."""
-    return model.site(f"{side.value[0]}_sole_centre").id
+def coupling_of(model: mujoco.MjModel, mimics: Iterable[Mimic]) -> Coupling | None:
+    """Return the coupling of a model's joints, the free joint of the base left out.
+
+    Args:
+        model: The compiled model.
+        mimics: Which joint follows which.
+
+    Returns:
+        The coupling; None if nothing follows.
+    """
+    return couple(mimics, [model.joint(k).name for k in range(1, model.njnt)])
 
 
-# ---- Servos -----------------------------------------------------------------------
-
-
-def torque_limits(
-    model: mujoco.MjModel, torque: Mapping[str, float]
-) -> np.ndarray:
+def torque_limits(model: mujoco.MjModel, torque: Mapping[str, float]) -> np.ndarray:
     """Return torque limits, infinite where a file gives none or zero.
 
     Args:
@@ -341,73 +367,5 @@ def torque_limits(
         Limits [N m], of shape (joints,).
     """
     names = [model.joint(k).name for k in range(1, model.njnt)]
-    limits = np.array([torque.get(name, math.inf) for name in names])
-    return np.where(limits > 0.0, limits, math.inf)
-
-
-def _add_servos(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    anatomy: Anatomy,
-    q: np.ndarray,
-    gains: Mapping[str, tuple[float, float]],
-    file: ModelFile,
-) -> None:
-    """Give each joint a position servo: the file's own, or a designed one."""
-    designed = design_stiffness(model, anatomy, q)
-    limits = torque_limits(model, file.torque)
-    for joint in spec.joints:
-        if joint.name not in designed:
-            continue
-        stiffness, damping = gains.get(
-            joint.name, (designed[joint.name], SERVO_LAG * designed[joint.name])
-        )
-        k = model.joint(joint.name).id
-        if model.dof_armature[model.jnt_dofadr[k]] <= 0.0:
-            joint.armature = ARMATURE * stiffness
-        actuator = spec.add_actuator(name=joint.name, target=joint.name)
-        actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
-        actuator.gaintype = mujoco.mjtGain.mjGAIN_FIXED
-        actuator.biastype = mujoco.mjtBias.mjBIAS_AFFINE
-        actuator.gainprm[0] = stiffness
-        actuator.biasprm[1], actuator.biasprm[2] = -stiffness, -damping
-        torque = float(limits[k - 1])
-        if math.isfinite(torque):
-            actuator.forcelimited = mujoco.mjtLimited.mjLIMITED_TRUE
-            actuator.forcerange = [-torque, torque]
-
-
-def design_stiffness(
-    model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray
-) -> dict[str, float]:
-    """Return position gains for all joints [N m/rad], by joint.
-
-    Legs and torso carry the body as an inverted pendulum: their gain is a multiple of
-    m g c_z. Arms and head swing freely: theirs follows from the inertia they move.
-
-    Args:
-        model: The compiled model.
-        anatomy: Its parts.
-        q: The posture to design at.
-
-    Returns:
-        The gains.
-    """
-    data = mujoco.MjData(model)
-    data.qpos[:] = q
-    mujoco.mj_forward(model, data)
-    root = int(model.jnt_bodyid[0])
-    M = np.zeros((model.nv, model.nv))
-    mujoco.mj_fullM(model, data, M)
-    weight = model.body_subtreemass[root] * np.linalg.norm(model.opt.gravity)
-    stiff = LEG_STIFFNESS * weight * data.subtree_com[root][2]
-    carrying = {*(j for leg in anatomy.legs.values() for j in leg), *anatomy.torso}
-    gains = {}
-    for k in range(1, model.njnt):
-        name = model.joint(k).name
-        inertia = float(M[model.jnt_dofadr[k], model.jnt_dofadr[k]])
-        free = ARM_FREQUENCY**2 * inertia
-        gains[name] = float(
-            f"{stiff if name in carrying else min(max(free, 2e-3 * stiff), stiff):.3g}"
-        )
-    return gains
+    limits = np.array([torque.get(name, np.inf) for name in names])
+    return np.where(limits > 0.0, limits, np.inf)

@@ -9,17 +9,19 @@ little away from the body, with bent elbows.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import mujoco
 import numpy as np
 from scipy.optimize import least_squares
 
-from .anatomy import middle_joint
+from .coupling import Coupling
 from .errors import ModelError
 from .footsteps import Side
+from .profile import Stance
 from .resolution import sigma_min
+from .skeleton import Skeleton
 from .spatial import level_error
 
 BEND = 0.18
@@ -29,11 +31,21 @@ units of the leg's length; that of the paper's robot."""
 LEAST_BEND = 0.12
 """The least that it may be where joints are too weak for more."""
 
-_EFFORT = 2.0 / 3.0  # share of the leg's torques that standing on one foot may take
-_HEIGHTS = 0.98, 0.55, 44  # hips over ankles, in lengths of the leg, in steps
+LEAST_GAP = 0.033
+"""Smallest distance between the soles of a standing robot, in leg lengths [-]."""
 
-LEAST_GAP = 0.02
-"""Smallest distance between the soles of a standing robot [m]."""
+_EFFORT = 2.0 / 3.0  # share of the leg's torques that standing on one foot may take
+_HEIGHTS = 0.98, 0.5, 49  # hips over ankles, in leg lengths: from, to, how many
+_HALVINGS = 14  # of the last step between two heights
+_MARGIN = 0.05, 0.2  # kept to joint limits: at most [rad], and as a share of the range
+_UPPER_ARM, _FOREARM = (0.05, 0.25, -1.0), (0.45, 0.05, -1.0)  # x, outwards, z
+_TWISTS = (0.0, 0.3, -0.3)  # from where an arm is sought [rad]
+_KNEE, _HIP = 0.7, -0.35  # from where a leg is sought [rad]
+_PITCH = 0.7  # least share of an axis to the left that makes a joint bend the leg
+_CLOSE = 1e-4  # error of a posture that stands [rad, leg lengths]
+_WEAK_ROWS = [2, 3, 4, 8, 9, 10, 12, 17]
+"""What legs of fewer than six joints must reach: height and level of the soles, the
+CoM's x and the hips' height, as rows of `_Seeker._rows`."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -50,6 +62,8 @@ class Limbs:
     """Sites of the hands."""
     widths: Mapping[Side, float]
     """Widths of the soles [m]."""
+    coupling: Coupling | None = None
+    """Joints that follow others."""
 
 
 def find_posture(
@@ -57,8 +71,7 @@ def find_posture(
     limbs: Limbs,
     given: Mapping[str, float] | None = None,
     torque: np.ndarray | None = None,
-    bend: float | None = None,
-    half_width: float | None = None,
+    stance: Stance | None = None,
 ) -> np.ndarray:
     """Return a posture to walk from.
 
@@ -69,10 +82,9 @@ def find_posture(
         torque: Torque limits of the joints [N m], of shape (joints,); where bent legs
             would need more than two thirds of them on one foot, the legs are
             stretched, down to `LEAST_BEND`.
-        bend: How far the legs stay from their singular posture; `BEND`, or what the
-            torques allow, if None.
-        half_width: Half of the distance between the soles' centres [m]; that of the
-            zero posture if None, but never so that the soles meet.
+        stance: How it is to stand. By default the legs are bent as `BEND`, or as the
+            torques allow, and as far apart as in the zero posture, but never so that
+            the soles meet.
 
     Returns:
         MuJoCo's qpos: the soles on the plane z = 0, (0, 0) in their middle.
@@ -80,12 +92,17 @@ def find_posture(
     Raises:
         ModelError: If the legs cannot stand so.
     """
-    seeker = _Seeker(model, limbs, given or {}, half_width)
+    given, stance = given or {}, stance or Stance()
+    seeker = _Seeker(model, limbs, given, stance.half_width)
     seeker.hang_arms()
-    if bend is not None or torque is None:
-        return seeker.bend_legs(BEND if bend is None else bend)
-    for bend in np.linspace(BEND, LEAST_BEND, 7):
-        q = seeker.bend_legs(float(bend))
+    if {*limbs.legs[Side.LEFT], *limbs.legs[Side.RIGHT]} <= seeker.fixed:
+        return seeker.put_down()
+    if stance.com_height is not None:
+        return seeker.lower_com(stance.com_height)
+    if stance.bend is not None or torque is None:
+        return seeker.bend_legs(BEND if stance.bend is None else stance.bend)
+    for bend in np.linspace(BEND, LEAST_BEND, 7).tolist():
+        q = seeker.bend_legs(bend)
         if seeker.effort(torque) <= _EFFORT:
             break
     return q
@@ -103,11 +120,7 @@ class _Seeker:
     ) -> None:
         self.model, self.limbs = model, limbs
         self.data = mujoco.MjData(model)
-        low, high = model.jnt_range[1:].T.copy()
-        free = model.jnt_limited[1:] == 0
-        low[free], high[free] = -math.inf, math.inf
-        margin = np.minimum(0.05, 0.2 * (high - low))
-        self.low, self.high = low + margin, high - margin
+        self.low, self.high = _ranges(model, limbs.coupling)
         self.q = np.zeros(model.nq)
         self.q[3] = 1.0
         self.q[7:] = np.clip(0.0, self.low, self.high)
@@ -115,10 +128,16 @@ class _Seeker:
         for name, angle in given.items():
             self.q[model.joint(name).qposadr[0]] = angle
         self._update()
+        look = Skeleton(model, self.data, "")
+        self.length = min(look.leg_length(limbs.legs[s]) for s in Side)
         self.half_width = self._spacing() if half_width is None else half_width
+        joints = [j for s in Side for j in limbs.legs[s] if j not in self.fixed]
+        self.free = np.concatenate([np.arange(6), model.jnt_dofadr[joints]]).astype(int)
 
     def _update(self) -> None:
         """Compute the kinematics of the present posture."""
+        if self.limbs.coupling is not None:
+            self.limbs.coupling.follow(self.q[7:])
         self.data.qpos[:] = self.q
         mujoco.mj_kinematics(self.model, self.data)
         mujoco.mj_comPos(self.model, self.data)
@@ -126,72 +145,120 @@ class _Seeker:
     def _spacing(self) -> float:
         """Return half of the distance of the soles as the hips have it [m]."""
         left, right = (self.data.site_xpos[self.limbs.soles[s]][1] for s in Side)
-        width = max(self.limbs.widths.values())
-        return max(0.5 * float(left - right), 0.5 * (width + LEAST_GAP))
+        widest = max(self.limbs.widths.values()) + LEAST_GAP * self.length
+        return max(0.5 * float(left - right), 0.5 * widest)
 
     # ---- Arms ----
 
     def hang_arms(self) -> None:
-        """Let the arms hang."""
+        """Let the arms hang: upper arm down and out, forearm down and forward."""
+        look = Skeleton(self.model, self.data, "")
         for side, joints in self.limbs.arms.items():
-            elbow = self._elbow(joints, self.limbs.hands[side])
-            free = [j for j in joints if j <= elbow and j not in self.fixed]
+            tip = self.data.site_xpos[self.limbs.hands[side]]
+            elbow = look.middle(joints, tip)
+            free = [j for j in joints[: elbow + 1] if j not in self.fixed]
             if free:
-                self._hang(side, free, joints[0], elbow)
+                self._hang(side, free, joints[0], joints[elbow])
         self._update()
 
-    def _hang(
-        self, side: Side, joints: Sequence[int], first: int, elbow: int
-    ) -> None:
-        """Let one arm hang: upper arm down and out, forearm down and forward."""
-        places = np.array([self.model.jnt_qposadr[j] for j in joints])
-        columns = places - 7
-        low, high = self.low[columns], self.high[columns]
-        hand, start = self.limbs.hands[side], self.q[places].copy()
+    def _hang(self, side: Side, joints: Sequence[int], first: int, elbow: int) -> None:
+        """Turn the joints of one arm, from the first to the elbow, until it hangs."""
+        places = self.model.jnt_qposadr[list(joints)]
+        low, high = self.low[places - 7], self.high[places - 7]
+        start, hand = self.q[places].copy(), self.limbs.hands[side]
+        outwards = np.array([1.0, side.sign, 1.0])
 
         def miss(angles: np.ndarray) -> np.ndarray:
             self.q[places] = angles
             self._update()
-            shoulder = self.data.xanchor[first]
-            bend, tip = self.data.xanchor[elbow], self.data.site_xpos[hand]
-            upper = _unit(bend - shoulder) - _unit([0.05, 0.25 * side.sign, -1.0])
-            fore = _unit(tip - bend) - _unit([0.45, 0.05 * side.sign, -1.0])
+            shoulder, bend = self.data.xanchor[[first, elbow]]
+            upper = _unit(bend - shoulder) - _unit(outwards * _UPPER_ARM)
+            fore = _unit(self.data.site_xpos[hand] - bend) - _unit(outwards * _FOREARM)
             return np.concatenate([upper, fore, 0.03 * (angles - start)])
 
-        best = None
-        for twist in (0.0, 0.3, -0.3):
+        tries = []
+        for twist in _TWISTS:
             guess = np.clip(start + twist, low + 1e-6, high - 1e-6)
-            found = least_squares(miss, guess, bounds=(low, high), xtol=1e-8)
-            if best is None or found.cost < best.cost - 1e-9:
-                best = found
-        self.q[places] = best.x
-
-    def _elbow(self, joints: Sequence[int], hand: int) -> int:
-        """Return the joint between upper arm and forearm."""
-        tip = self.data.site_xpos[hand]
-        rows = list(joints)
-        return rows[middle_joint(self.data.xanchor[rows], self.data.xaxis[rows], tip)]
+            tries.append(least_squares(miss, guess, bounds=(low, high), xtol=1e-8))
+        self.q[places] = min(tries, key=lambda found: round(found.cost, 9)).x
 
     # ---- Legs ----
 
     def bend_legs(self, bend: float) -> np.ndarray:
         """Lower the body until the legs are far enough from being straight."""
-        length = self._leg_length()
+        return self._lower(lambda: min(self._sigma(side) for side in Side) - bend)
+
+    def lower_com(self, height: float) -> np.ndarray:
+        """Lower the body until the CoM has a height [m]."""
+        q = self._lower(lambda: height - self._com_height())
+        reached = self._com_height()
+        if abs(reached - height) > 1e-2 * self.length:
+            raise ModelError(
+                f"the legs cannot stand with the CoM {height:.3g} m above the soles, "
+                f"nearest is {reached:.3g} m; change com_height under [stance]"
+            )
+        return q
+
+    def _com_height(self) -> float:
+        """Return the height of the CoM over the soles [m]."""
+        return float(self.data.subtree_com[self.model.jnt_bodyid[0]][2])
+
+    def _lower(self, surplus: Callable[[], float]) -> np.ndarray:
+        """Lower the body until a surplus is positive, as near to zero as can be.
+
+        If it never is, the posture with the largest surplus is returned.
+        """
         self._pre_bend()
-        found: list[tuple[float, np.ndarray]] = []
-        for height in np.linspace(*_HEIGHTS) * length:
+        before, best = math.nan, (-math.inf, math.nan, self.q)
+        for height in (np.linspace(*_HEIGHTS) * self.length).tolist():
             q = self._stand(height)
-            if q is not None:
-                found.append((height, q))
-                if self._bend(length) >= bend:
-                    break
-        if not found:
+            if q is None:
+                continue
+            if surplus() > best[0]:
+                best = surplus(), height, q
+            if best[0] >= 0.0:
+                break
+            before = height
+        if best[0] == -math.inf:
             raise ModelError(
                 "no posture was found in which both soles are level on the ground; "
                 "give angles of the legs' joints by --profile, under [home]"
             )
-        high = found[-2][0] if len(found) > 1 else found[-1][0]
-        return self._refined(high, *found[-1], bend, length)
+        if best[0] > 0.0 and math.isfinite(before):
+            return self._refined(before, best[1], best[2], surplus)
+        return self._settled(best[2])
+
+    def _refined(
+        self, high: float, low: float, q: np.ndarray, surplus: Callable[[], float]
+    ) -> np.ndarray:
+        """Return the posture between two heights [m] at which a surplus is zero."""
+        for _ in range(_HALVINGS):
+            self.q[:] = q
+            middle = 0.5 * (low + high)
+            found = self._stand(middle)
+            if found is not None and surplus() >= 0.0:
+                low, q = middle, found
+            else:
+                high = middle
+        return self._settled(q)
+
+    def _settled(self, q: np.ndarray) -> np.ndarray:
+        """Return a posture, and keep it as the present one."""
+        self.q[:] = q
+        self._update()
+        return q.copy()
+
+    def put_down(self) -> np.ndarray:
+        """Put the soles of legs whose angles are all known on the ground."""
+        for _ in range(20):
+            self._update()
+            J, e = self._rows(0.0)
+            rows = J[:12, :6]
+            self._move(np.arange(6), np.linalg.lstsq(rows, e[:12], rcond=None)[0])
+        self._update()
+        height = min(self.data.site_xpos[self.limbs.soles[s]][2] for s in Side)
+        self.q[2] -= float(height)
+        return self._settled(self.q)
 
     def effort(self, torque: np.ndarray) -> float:
         """Return the largest share of a leg's torques that standing on one foot takes.
@@ -209,136 +276,117 @@ class _Seeker:
         for side in Side:
             J = np.zeros((3, m.nv))
             mujoco.mj_jacSite(m, d, J, None, self.limbs.soles[side])
+            needed = d.qfrc_bias - weight * J[2]
+            if self.limbs.coupling is not None:
+                self.limbs.coupling.fold(needed)
             columns = m.jnt_dofadr[list(self.limbs.legs[side])]
-            needed = np.abs(d.qfrc_bias - weight * J[2])[columns]
-            shares.append(float((needed / torque[columns - 6]).max()))
+            shares.append(float((np.abs(needed)[columns] / torque[columns - 6]).max()))
         return max(shares)
-
-    def _refined(
-        self, high: float, low: float, q: np.ndarray, bend: float, length: float
-    ) -> np.ndarray:
-        """Return the posture between two heights [m] that has the wanted bend."""
-        best = q
-        for _ in range(8):
-            self.q[:] = best
-            found = self._stand(0.5 * (low + high))
-            if found is not None and self._bend(length) >= bend:
-                low, best = 0.5 * (low + high), found
-            else:
-                high = 0.5 * (low + high)
-        return best
-
-    def _bend(self, length: float) -> float:
-        """Return how far the legs are from being straight."""
-        return min(self._sigma(side, length) for side in Side)
-
-    def _leg_length(self) -> float:
-        """Return the length of the stretched leg, hip to ankle [m]."""
-        lengths = []
-        for side in Side:
-            anchors = self.data.xanchor[list(self.limbs.legs[side])]
-            knee = self._knee(side)
-            hip, ankle = anchors[0], anchors[-1]
-            middle = self.data.xanchor[knee]
-            lengths.append(
-                np.linalg.norm(middle - hip) + np.linalg.norm(ankle - middle)
-            )
-        return float(min(lengths))
-
-    def _knee(self, side: Side) -> int:
-        """Return the joint between thigh and shank."""
-        joints = list(self.limbs.legs[side])
-        anchors = self.data.xanchor[joints]
-        return joints[middle_joint(anchors, self.data.xaxis[joints], anchors[-1])]
 
     def _pre_bend(self) -> None:
         """Bend the knees the way that they bend, and hip and ankle against them."""
+        look = Skeleton(self.model, self.data, "")
         for side in Side:
             joints = list(self.limbs.legs[side])
-            knee = self._knee(side)
-            pitch = [j for j in joints if abs(self.data.xaxis[j][1]) > 0.7]
-            hips = [j for j in pitch if j < knee]
-            ankles = [j for j in pitch if j > knee]
-            for j, angle in [
-                *((j, -0.35) for j in hips[-1:]),
-                (knee, 0.7),
-                *((j, -0.35) for j in ankles[:1]),
-            ]:
-                if j in self.fixed:
-                    continue
-                sign = math.copysign(1.0, self.data.xaxis[j][1])
-                place = int(self.model.jnt_qposadr[j])
-                k = place - 7
-                self.q[place] = np.clip(sign * angle, self.low[k], self.high[k])
+            k = look.middle(joints, self.data.xanchor[joints[-1]])
+            pitch = [
+                i for i, y in enumerate(look.axes(joints)[:, 1]) if abs(y) > _PITCH
+            ]
+            bent = [(k, _KNEE), *((i, _HIP) for i in pitch[::-1] if i < k)][:2]
+            bent += [(i, _HIP) for i in pitch if i > k][:1]
+            for i, angle in bent:
+                if joints[i] not in self.fixed:
+                    sign = math.copysign(1.0, look.axes([joints[i]])[0, 1])
+                    place = int(self.model.jnt_qposadr[joints[i]])
+                    low, high = self.low[place - 7], self.high[place - 7]
+                    self.q[place] = np.clip(sign * angle, low, high)
         self._update()
 
-    def _sigma(self, side: Side, length: float) -> float:
+    def _sigma(self, side: Side) -> float:
         """Return how far a leg is from its singular postures."""
-        J = np.zeros((6, self.model.nv))
-        mujoco.mj_jacSite(
-            self.model, self.data, J[:3], J[3:], self.limbs.soles[side]
-        )
-        columns = self.model.jnt_dofadr[list(self.limbs.legs[side])]
-        J = J[:, columns]
-        J[:3] /= length
-        if J.shape[1] < 6:
+        J = self._jacobian(self.limbs.soles[side])
+        J = J[:, self.model.jnt_dofadr[list(self.limbs.legs[side])]]
+        J[:3] /= self.length
+        if J.shape[1] != 6:
             return float(np.linalg.svd(J, compute_uv=False)[-1])
         return sigma_min(J)
 
+    def _jacobian(self, site: int) -> np.ndarray:
+        """Return the Jacobian of a site, world, (6, nv), followers in their leaders."""
+        J = np.zeros((6, self.model.nv))
+        mujoco.mj_jacSite(self.model, self.data, J[:3], J[3:], site)
+        if self.limbs.coupling is not None:
+            self.limbs.coupling.fold(J)
+        return J
+
     def _stand(self, hip: float) -> np.ndarray | None:
-        """Return the posture with the hips at a height over the ankles, or None."""
-        columns = np.concatenate([self.model.jnt_dofadr[list(self.limbs.legs[s])] for s in Side])
-        free = np.concatenate([np.arange(6), columns])
+        """Return the posture with the hips at a height [m] over the ankles, or None."""
         for _ in range(60):
             self._update()
             J, e = self._rows(hip)
-            lam = 1e-3
-            step = np.linalg.solve(
-                J[:, free].T @ J[:, free] + lam**2 * np.eye(len(free)),
-                J[:, free].T @ e,
-            )
-            step *= min(1.0, 0.3 / max(np.abs(step[6:]).max(), 1e-12))
-            v = np.zeros(self.model.nv)
-            v[free] = step
-            mujoco.mj_integratePos(self.model, self.q, v, 1.0)
-            np.clip(self.q[7:], self.low, self.high, out=self.q[7:])
+            J = J[:, self.free]
+            step = np.linalg.solve(J.T @ J + 1e-6 * np.eye(J.shape[1]), J.T @ e)
+            step *= min(1.0, 0.3 / max(np.abs(step[6:]).max(initial=0.0), 1e-12))
+            self._move(self.free, step)
             if np.abs(step).max() < 1e-9:
                 break
         self._update()
         _, e = self._rows(hip)
-        tight = e if len(columns) == 12 else e[_WEAK_ROWS]
-        return self.q.copy() if np.abs(tight).max() < 1e-4 else None
+        strong = len(self.free) == 6 + 12
+        missed = np.abs(e if strong else e[_WEAK_ROWS]).max()
+        return self.q.copy() if missed < _CLOSE else None
+
+    def _move(self, columns: np.ndarray, step: np.ndarray) -> None:
+        """Move some coordinates by a step, joints within their ranges."""
+        v = np.zeros(self.model.nv)
+        v[columns] = step
+        mujoco.mj_integratePos(self.model, self.q, v, 1.0)
+        moved = columns[columns >= 6] + 1
+        ranges = self.low[moved - 7], self.high[moved - 7]
+        self.q[moved] = np.clip(self.q[moved], *ranges)
 
     def _rows(self, hip: float) -> tuple[np.ndarray, np.ndarray]:
-        """Return Jacobian and error of a standing posture, 18 rows."""
-        m, d = self.model, self.data
+        """Return Jacobian and error of a standing posture, 18 rows.
+
+        Poses of the soles, x and y of the CoM, the upright trunk, the hips' height;
+        lengths in units of the leg's.
+        """
+        m, d, root = self.model, self.data, int(self.model.jnt_bodyid[0])
         J, e = np.zeros((18, m.nv)), np.zeros(18)
         for k, side in enumerate(Side):
-            rows = slice(6 * k, 6 * k + 6)
-            site = self.limbs.soles[side]
-            mujoco.mj_jacSite(m, d, J[rows][:3], J[rows][3:], site)
+            rows, site = slice(6 * k, 6 * k + 6), self.limbs.soles[side]
+            J[rows] = self._jacobian(site)
             place = np.array([0.0, side.sign * self.half_width, 0.0])
             e[rows][:3] = place - d.site_xpos[site]
             e[rows][3:] = level_error(0.0, d.site_xmat[site].reshape(3, 3))
-        root = int(m.jnt_bodyid[0])
         J_com = np.zeros((3, m.nv))
         mujoco.mj_jacSubtreeCom(m, d, J_com, root)
+        if self.limbs.coupling is not None:
+            self.limbs.coupling.fold(J_com)
         J[12:14], e[12:14] = J_com[:2], -d.subtree_com[root][:2]
         R = d.xmat[root].reshape(3, 3)
-        J[14:17, 3:6] = R
-        e[14:17] = level_error(0.0, R)
-        above = [
-            d.xanchor[self.limbs.legs[s][0]][2] - d.xanchor[self.limbs.legs[s][-1]][2]
-            for s in Side
-        ]
-        J[17, 2], e[17] = 1.0, hip - float(np.mean(above))
+        J[14:17, 3:6], e[14:17] = R, level_error(0.0, R)
+        ends = [d.xanchor[[legs[0], legs[-1]], 2] for legs in self.limbs.legs.values()]
+        J[17, 2], e[17] = 1.0, hip - float(np.mean([top - low for top, low in ends]))
+        for rows in (slice(0, 3), slice(6, 9), slice(12, 14), slice(17, 18)):
+            J[rows] /= self.length
+            e[rows] /= self.length
         return J, e
 
 
-_WEAK_ROWS = [2, 8, 12, 17]  # what a leg of fewer joints must still reach
+def _ranges(
+    model: mujoco.MjModel, coupling: Coupling | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the angles that a posture may have [rad]: joint limits, with a margin."""
+    low, high = model.jnt_range[1:].T.copy()
+    free = model.jnt_limited[1:] == 0
+    low[free], high[free] = -math.inf, math.inf
+    if coupling is not None:
+        low, high, _ = coupling.limits(low, high, np.full(len(low), math.inf))
+    margin = np.minimum(_MARGIN[0], _MARGIN[1] * (high - low))
+    return low + margin, high - margin
 
 
-def _unit(v) -> np.ndarray:
+def _unit(v: np.ndarray) -> np.ndarray:
     """Return a vector of length 1."""
-    v = np.asarray(v, dtype=float)
     return v / max(float(np.linalg.norm(v)), 1e-9)

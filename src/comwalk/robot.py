@@ -8,21 +8,27 @@ turns a configuration into a `Posture` with MuJoCo's kinematics in C.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import mujoco
 import numpy as np
 
-from .anatomy import Anatomy, Role, Sole, find_roles
-from .errors import ModelError, checked_number
+from .anatomy import Anatomy
+from .coupling import Coupling
+from .errors import ModelError, ParameterError, checked_number
 from .footsteps import Side
-from .marking import compile_model, mark
-from .model_files import read_model
+from .marked import is_marked, read_marks
+from .marking import compile_model, couple_in_physics, coupling_of, mark
+from .model_files import ModelFile, read_model
 from .motion import JointLimit
-from .polygon import convex_hull
+from .profile import Profile, check_names, read_profile
 from .resolution import Limb, Posture
+from .roles import Role, find_roles
+from .servos import Gains, set_gains, set_torque
+from .skeleton import Skeleton
 
 BUILTIN_ROBOTS = {"paper": "the paper's humanoid: 67.68 kg, CoM at 0.687 m, 30 joints"}
 """Names of the robots that come with comwalk, and what they are."""
@@ -32,12 +38,14 @@ LEGS = {Side.LEFT: "left_leg", Side.RIGHT: "right_leg"}
 
 # Limb, and the REP-120 frames (sites) that may mark its end, best first.
 _ENDS = {
-    "left_leg": ("l_sole",),
-    "right_leg": ("r_sole",),
+    "left_leg": ("l_sole_centre",),
+    "right_leg": ("r_sole_centre",),
+    "torso": ("torso",),
     "left_arm": ("l_gripper", "l_wrist"),
     "right_arm": ("r_gripper", "r_wrist"),
     "head": ("gaze",),
 }
+_BY_MARKED = ("home", "limits", "servo")  # what marked models take of a profile
 
 
 @dataclass(frozen=True, eq=False)
@@ -104,6 +112,8 @@ class Robot:
     """Which joint does what in a dance, and its sign, such as "l_shoulder_pitch"."""
     notes: tuple[str, ...] = ()
     """What was repaired, assumed or left out, a line each."""
+    coupling: Coupling | None = None
+    """Joints that follow others, None if none does."""
 
     @property
     def mass(self) -> float:
@@ -140,151 +150,142 @@ class Robot:
     @property
     def upper_body(self) -> tuple[str, ...]:
         """Names of the joints outside the legs: those that may dance."""
-        legs = {j for x in self.limbs if x.name in LEGS.values() for j in x.joints}
-        return tuple(n for j, n in enumerate(self.joints) if j not in legs)
+        fixed = {j for x in self.limbs if x.name in LEGS.values() for j in x.joints}
+        if self.coupling is not None:
+            fixed |= set(self.coupling.followers.tolist())
+        return tuple(n for j, n in enumerate(self.joints) if j not in fixed)
 
 
 def load_robot(
     source: str | Path = "paper",
     *,
     stiffness: float = 1.0,
-    profile: str | Path | None = None,
+    profile: str | Path | Mapping[str, Any] | None = None,
+    geometry: bool = False,
 ) -> Robot:
     """Load a robot by name, or from a URDF or MJCF file.
 
     Args:
         source: Name of a known robot, or path of a file.
         stiffness: Factor on the servos' position and velocity gains, in (0, 100].
+        profile: TOML file, or table of its keys, that tells what cannot be seen in
+            the robot's file, or is to be otherwise; see `profile.Profile`.
+        geometry: Whether meshes are loaded, for pictures; nothing else depends on it.
 
     Returns:
         The robot.
 
     Raises:
-        ModelError: If the name is unknown, the file is missing or broken, or it
-            lacks a frame, joint or actuator that walking needs.
-        ParameterError: If the stiffness is out of range.
+        ModelError: If the name is unknown, the file is missing or broken, or it is
+            no humanoid that can stand.
+        ParameterError: If the stiffness is out of range, or the profile is wrong.
     """
     factor = checked_number(
         "stiffness", stiffness, low=0, high=100, open_low=True, hint="1 is the default"
     )
-    file = read_model(source)
-    name, path, spec = file.name, file.path, file.spec
-    marked = {"l_sole", "r_sole"} <= {site.name for site in spec.sites}
-    anatomy = None if marked else mark(file)
-    for actuator in spec.actuators:
+    told = read_profile(profile)
+    file = read_model(source, geometry=geometry)
+    joints = [j.name for j in file.spec.joints if j.type != mujoco.mjtJoint.mjJNT_FREE]
+    check_names(told, joints, [body.name for body in file.spec.bodies[1:]])
+    _set_limits(file, told)
+    marked = is_marked(file.spec)
+    anatomy = _read_marked(file, told) if marked else mark(file, told)
+    for actuator in file.spec.actuators:
         actuator.gainprm[0] *= factor
         actuator.biasprm[1] *= factor
         actuator.biasprm[2] *= factor
-    if marked:
-        _add_sole_centres(spec, path)
-    model = compile_model(spec, str(path))
+    return _robot_of(file, anatomy, told if marked else Profile())
+
+
+def _set_limits(file: ModelFile, profile: Profile) -> None:
+    """Give joints the limits that a profile gives."""
+    for joint in file.spec.joints:
+        limits = profile.limits.get(joint.name)
+        if limits is None:
+            continue
+        if limits.speed is not None:
+            file.speed[joint.name] = limits.speed
+        if limits.torque is not None:
+            file.torque[joint.name] = limits.torque
+            joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        if limits.lower is None and limits.upper is None:
+            continue
+        low, high = _range_of(file.spec, joint)
+        low = low if limits.lower is None else limits.lower
+        high = high if limits.upper is None else limits.upper
+        degrees = 180.0 / np.pi if file.spec.compiler.degree else 1.0
+        hinge = joint.type == mujoco.mjtJoint.mjJNT_HINGE
+        joint.range = np.array([low, high]) * (degrees if hinge else 1.0)
+        joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+
+
+def _range_of(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> tuple[float, float]:
+    """Return the range of a joint [rad], very wide if it has none."""
+    compiled = compile_model(spec.copy(), "the robot").joint(joint.name)
+    if not compiled.limited[0]:
+        return -100.0, 100.0
+    return float(compiled.range[0]), float(compiled.range[1])
+
+
+def _read_marked(file: ModelFile, profile: Profile) -> Anatomy:
+    """Return the anatomy of a model that marks its frames; a profile says the rest."""
+    wrong = [key for key in profile.given if key not in _BY_MARKED]
+    if wrong:
+        raise ParameterError(
+            f"profile: {file.path} marks its frames itself, so that a profile can say "
+            f"{', '.join(_BY_MARKED)}, but not {wrong[0]}"
+        )
+    anatomy = read_marks(file.spec, file.path, file.mimics)
+    couple_in_physics(file.spec, anatomy.coupled)
+    for actuator in file.spec.actuators:
+        name = actuator.target
+        if name in profile.servo:
+            own = Gains(actuator.gainprm[0], -actuator.biasprm[2])
+            set_gains(actuator, own.over(profile.servo[name]))
+        limits = profile.limits.get(name)
+        if limits is not None and limits.torque is not None:
+            set_torque(actuator, limits.torque)
+    return anatomy
+
+
+def _robot_of(file: ModelFile, anatomy: Anatomy, profile: Profile) -> Robot:
+    """Return the robot of a model that has all that walking needs."""
+    model, path = compile_model(file.spec, f"robot {file.path}"), file.path
     joints = tuple(model.joint(i).name for i in range(1, model.njnt))
-    limbs, ends = _find_limbs(model, path)
-    feet = {side: _read_foot(model, side, anatomy) for side in Side}
-    anatomy = anatomy or _anatomy_of(model, joints, limbs, feet)
-    home = _home(model, path)
-    servo = _read_servo(model, joints, path)
+    limbs, ends = _find_limbs(model, anatomy)
+    home, servo = _home(model, path, profile), _read_servo(model, joints, path)
     ranges = np.where(
         model.jnt_limited[1:, None] > 0, model.jnt_range[1:], [[-np.inf, np.inf]]
     )
+    speed = np.array([file.speed.get(j, np.inf) for j in joints])
+    limits = ranges[:, 0], ranges[:, 1], speed
+    coupling = coupling_of(model, anatomy.coupled)
+    if coupling is not None:
+        limits = coupling.limits(*limits)
     return Robot(
-        name=name,
-        spec=spec,
+        name=file.name,
+        spec=file.spec,
         model=model,
         joints=joints,
         limbs=limbs,
         ends=ends,
-        feet=feet,
+        feet={side: _read_foot(model, side, anatomy) for side in Side},
         servo=servo,
-        lower=ranges[:, 0],
-        upper=ranges[:, 1],
-        speed=np.array([file.speed.get(j, np.inf) for j in joints]),
+        lower=limits[0],
+        upper=limits[1],
+        speed=limits[2],
         torque=_torque_limits(model, servo),
         home=home,
         anatomy=anatomy,
         roles=find_roles(model, home, anatomy),
         notes=(*file.notes, *anatomy.notes),
+        coupling=coupling,
     )
 
 
-def _anatomy_of(
-    model: mujoco.MjModel,
-    joints: tuple[str, ...],
-    limbs: tuple[Limb, ...],
-    feet: dict[Side, Foot],
-) -> Anatomy:
-    """Return the anatomy of a model that marks its frames itself."""
-    names = {limb.name: tuple(joints[j] for j in limb.joints) for limb in limbs}
-    soles = {}
-    for side, foot in feet.items():
-        length, width = (foot.sole.max(axis=0) - foot.sole.min(axis=0)).tolist()
-        soles[side] = Sole(
-            body=model.body(model.site_bodyid[foot.site]).name,
-            position=model.site_pos[foot.site].copy(),
-            rotation=_rotation(model.site_quat[foot.site]),
-            size=(length, width),
-            polygon=foot.sole,
-            origin="contact box",
-        )
-    arms = {side: names.get(f"{side}_arm", ()) for side in Side}
-    return Anatomy(
-        forward=0.0,
-        legs={side: names[LEGS[side]] for side in Side},
-        arms={side: arm for side, arm in arms.items() if arm},
-        torso=names.get("torso", ()),
-        head=names.get("head", ()),
-        locked=(),
-        soles=soles,
-    )
-
-
-def _add_sole_centres(spec: mujoco.MjSpec, path: Path) -> None:
-    """Add a site at the centre of each sole: there the plan puts the feet."""
-    model = compile_model(spec, str(path))
-    for side in Side:
-        letter = side.value[0]
-        sole = model.site(f"{letter}_sole")
-        corners = _sole_corners(model, sole.id)
-        if len(corners) < 3:
-            raise ModelError(
-                f'{path}: the body of site "{letter}_sole" has no box that touches '
-                "the ground; give the foot a contact box"
-            )
-        centre, R = _middle(corners), _rotation(model.site_quat[sole.id])
-        body = next(s for s in spec.sites if s.name == f"{letter}_sole").parent
-        body.add_site(
-            name=f"{letter}_sole_centre",
-            pos=model.site_pos[sole.id] + R @ [*centre, 0.0],
-            quat=model.site_quat[sole.id],
-            group=4,
-        )
-
-
-def _sole_corners(model: mujoco.MjModel, site: int) -> np.ndarray:
-    """Return the corners of a foot's contact boxes in the plane of its sole site."""
-    R, corners = _rotation(model.site_quat[site]), []
-    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-    for geom in range(model.ngeom):
-        collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
-        is_box = model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_BOX)
-        same_body = model.geom_bodyid[geom] == model.site_bodyid[site]
-        if is_box and collides and same_body:
-            points = signs * model.geom_size[geom] @ _rotation(model.geom_quat[geom]).T
-            points = points + model.geom_pos[geom] - model.site_pos[site]
-            corners.append(points @ R)
-    if not corners:
-        return np.zeros((0, 2))
-    points = np.vstack(corners)
-    lowest = points[:, 2] < points[:, 2].min() + 0.005
-    return convex_hull(points[lowest, :2])
-
-
-def _read_foot(
-    model: mujoco.MjModel, side: Side, anatomy: Anatomy | None
-) -> Foot:
+def _read_foot(model: mujoco.MjModel, side: Side, anatomy: Anatomy) -> Foot:
     """Return a foot from its sites."""
     letter = side.value[0]
-    centre = model.site(f"{letter}_sole_centre").id
     sole = model.site(f"{letter}_sole").id
     names = [model.site(i).name for i in range(model.nsite)]
     sensor_name = f"{letter}_ankle_ft"
@@ -294,14 +295,9 @@ def _read_foot(
     mujoco.mj_kinematics(model, data)
     mujoco.mj_comPos(model, data)
     arm = data.subtree_com[body] - data.site_xpos[sensor]
-    if anatomy is not None:
-        polygon = anatomy.soles[side].polygon
-    else:
-        corners = _sole_corners(model, sole)
-        polygon = corners - _middle(corners)
     return Foot(
-        sole=polygon,
-        site=centre,
+        sole=anatomy.soles[side].polygon,
+        site=model.site(f"{letter}_sole_centre").id,
         sensor_site=sensor,
         mass=float(model.body_subtreemass[body]),
         com=data.site_xmat[sensor].reshape(3, 3).T @ arm,
@@ -315,60 +311,36 @@ def _rotation(quaternion: np.ndarray) -> np.ndarray:
     return R.reshape(3, 3)
 
 
-def _middle(corners: np.ndarray) -> np.ndarray:
-    """Return the middle of the extent of some points, of shape (2,)."""
-    return 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-
-
-def _chain(model: mujoco.MjModel, body: int) -> list[int]:
-    """Return the joints between a body and the floating base, base first."""
-    chain: list[int] = []
-    while body != 0 and model.jnt_bodyid[0] != body:
-        first, count = int(model.body_jntadr[body]), int(model.body_jntnum[body])
-        chain = list(range(first, first + count)) + chain
-        body = int(model.body_parentid[body])
-    return [joint - 1 for joint in chain]
-
-
 def _find_limbs(
-    model: mujoco.MjModel, path: Path
+    model: mujoco.MjModel, anatomy: Anatomy
 ) -> tuple[tuple[Limb, ...], tuple[int, ...]]:
-    """Return the limbs and the sites of their ends.
+    """Return the limbs and the sites of their ends, -1 where none is marked.
 
-    Joints shared by arms or head make the torso, which carries them; what is in no
-    chain makes the limb "rest".
+    The torso carries the limbs whose joints come after its own; what is in no limb
+    makes the limb "rest".
     """
-    names = [model.site(i).name for i in range(model.nsite)]
-    chains: dict[str, list[int]] = {}
-    sites: dict[str, int] = {}
-    for limb, frames in _ENDS.items():
-        for frame in frames:
-            if frame in names:
-                sites[limb] = names.index(frame)
-                chains[limb] = _chain(model, int(model.site_bodyid[sites[limb]]))
-                break
-    for side, letter in ((Side.LEFT, "l"), (Side.RIGHT, "r")):
-        sites[LEGS[side]] = names.index(f"{letter}_sole_centre")
-        if len(chains[LEGS[side]]) == 0:
-            raise ModelError(f"{path}: no joint between the base and {letter}_sole")
-    upper = [chains[k] for k in chains if k not in LEGS.values()]
-    shared = {j for c in upper for j in c if sum(j in other for other in upper) > 1}
-    limbs = [Limb(name=n, joints=tuple(chains[n])) for n in LEGS.values()]
-    ends = [sites[limb.name] for limb in limbs]
-    if shared:
-        limbs.append(Limb(name="torso", joints=tuple(sorted(shared))))
-        ends.append(names.index("torso") if "torso" in names else -1)
-    for name in chains:
-        if name not in LEGS.values():
-            own = tuple(j for j in chains[name] if j not in shared)
-            parent = "torso" if shared & set(chains[name]) else None
+    parts = {LEGS[side]: anatomy.legs[side] for side in Side}
+    parts |= {"torso": anatomy.torso}
+    parts |= {f"{side}_arm": anatomy.arms.get(side, ()) for side in Side}
+    parts |= {"head": anatomy.head}
+    index = {model.joint(i).name: i - 1 for i in range(1, model.njnt)}
+    look, limbs = Skeleton(model, mujoco.MjData(model), ""), []
+    for name, joints in parts.items():
+        if joints:
+            own = tuple(index[j] for j in joints)
+            path = look.names(look.chain(look.body_of(own[-1] + 1)))
+            carried = name != "torso" and {*anatomy.torso} & {*path}
+            parent = "torso" if carried else None
             limbs.append(Limb(name=name, joints=own, parent=parent))
-            ends.append(sites[name])
     used = {j for limb in limbs for j in limb.joints}
-    rest = tuple(j for j in range(model.njnt - 1) if j not in used)
+    rest = tuple(j for j in index.values() if j not in used)
     if rest:
         limbs.append(Limb(name="rest", joints=rest))
-        ends.append(-1)
+    sites = {model.site(i).name: i for i in range(model.nsite)}
+    ends = [
+        next((sites[frame] for frame in _ENDS.get(x.name, ()) if frame in sites), -1)
+        for x in limbs
+    ]
     return tuple(limbs), tuple(ends)
 
 
@@ -385,7 +357,7 @@ def _read_servo(model: mujoco.MjModel, joints: Iterable[str], path: Path) -> Ser
         ]
         if len(driving) != 1:
             raise ModelError(
-                f'{path}: joint "{name}" has {len(driving)} position actuators; '
+                f'robot {path}: joint "{name}" has {len(driving)} position actuators; '
                 f'add <position joint="{name}" kp="..." kv="..."/>'
             )
         actuators.append(driving[0])
@@ -403,25 +375,47 @@ def _torque_limits(model: mujoco.MjModel, servo: Servo) -> np.ndarray:
     return np.where(limited, model.actuator_forcerange[servo.actuators, 1], np.inf)
 
 
-def _home(model: mujoco.MjModel, path: Path) -> np.ndarray:
+def _home(model: mujoco.MjModel, path: Path, profile: Profile) -> np.ndarray:
     """Return the configuration of the keyframe "walk", or of the first one."""
     names = [model.key(i).name for i in range(model.nkey)]
     if not names:
         raise ModelError(
-            f'{path} has no keyframe: add <key name="walk" qpos="..."/> with bent knees'
+            f'robot {path} has no keyframe: add <key name="walk" qpos="..."/> with '
+            "bent knees"
         )
     name = "walk" if "walk" in names else names[0]
     q = model.key_qpos[names.index(name)].copy()
     if not np.isfinite(q).all():
-        raise ModelError(f'{path}: keyframe "{name}" holds something that is no number')
+        raise ModelError(
+            f'robot {path}: keyframe "{name}" holds something that is no number'
+        )
+    if profile.home:
+        q, name = _with_angles(model, q, profile), "walk of the profile"
     low, high = model.jnt_range[1:, 0] - 1e-6, model.jnt_range[1:, 1] + 1e-6
     past = (model.jnt_limited[1:] > 0) & ((q[7:] < low) | (q[7:] > high))
     if past.any():
         j = int(np.flatnonzero(past)[0])
         raise ModelError(
-            f'{path}: keyframe "{name}" has joint "{model.joint(j + 1).name}" at '
+            f'robot {path}: keyframe "{name}" has joint "{model.joint(j + 1).name}" at '
             f"{q[7 + j]:.4g} rad, outside its range [{low[j]:.4g}, {high[j]:.4g}]"
         )
+    return q
+
+
+def _with_angles(model: mujoco.MjModel, q: np.ndarray, profile: Profile) -> np.ndarray:
+    """Return a configuration with other angles, its lower sole as high as before."""
+    data, sites = mujoco.MjData(model), []
+    q, sites = q.copy(), [model.site(f"{s.value[0]}_sole").id for s in Side]
+
+    def lowest() -> float:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        return float(data.site_xpos[sites, 2].min())
+
+    before = lowest()
+    for joint, angle in profile.home.items():
+        q[model.joint(joint).qposadr[0]] = angle
+    q[2] += before - lowest()
     return q
 
 
@@ -507,6 +501,8 @@ class Kinematics:
         J, R_o = self._jacobian.copy(), self._xmat.copy()
         # MuJoCo's base rates are in body axes.
         J[:, 3:6] = self._turn_columns @ R_o.T
+        if self.robot.coupling is not None:
+            self.robot.coupling.fold(J)
         ends, rotations = self.sites(self._ends)
         return Posture(self._xpos.copy(), R_o, self._com.copy(), ends, rotations, J)
 
@@ -531,6 +527,8 @@ class Kinematics:
         local, result = velocity.copy(), q.copy()
         if rotation is None:
             rotation = _rotation(q[3:7])
+        if self.robot.coupling is not None:
+            self.robot.coupling.unfold(local)
         local[3:6] = velocity[3:6] @ rotation
         mujoco.mj_integratePos(self.robot.model, result, local, dt)
         return result
@@ -550,6 +548,8 @@ class Kinematics:
         forces = np.empty(len(self._qpos) - 1)
         np.subtract(self._gravity, com_acceleration, out=self._felt)
         mujoco.mj_rne(self._accelerating, self.data, 0, forces)
+        if self.robot.coupling is not None:
+            self.robot.coupling.fold(forces)
         return forces
 
     def angular_momentum(self, velocity: np.ndarray) -> np.ndarray:
@@ -565,6 +565,8 @@ class Kinematics:
         """
         m, d = self.robot.model, self.data
         d.qvel[:] = velocity
+        if self.robot.coupling is not None:
+            self.robot.coupling.unfold(d.qvel)
         d.qvel[3:6] = velocity[3:6] @ self._xmat
         mujoco.mj_comVel(m, d)
         mujoco.mj_subtreeVel(m, d)

@@ -426,7 +426,7 @@ FOOTSTEP = '[[footstep]]\nside = "right"\nx = 0.1\ny = -0.09\n'
             "[[segment]]\nstep = 3",
             '[[segment]] 1: unknown key "step"; did you mean "ste',
         ),
-        ("[[segment]]\nperiod = 1.0", '[[segment]] 1: "steps" is missing'),
+        ("[[segment]]\nperiod = 1.0", '[[segment]] 1: "steps" or "stand" is missing'),
         ("[[segment]]\nsteps = 2.5", "[[segment]] 1: steps must be a whole number"),
         (SEGMENT + "[[segment]]\nsteps = 0", "[[segment]] 2: steps must be a whole"),
         (SEGMENT + "half_step = 9", "[[segment]] 1: half_step must be a number in"),
@@ -478,3 +478,79 @@ def test_values_cannot_change():
     gait: Any = PAPER_GAIT
     with pytest.raises(dataclasses.FrozenInstanceError):
         gait.period = 2.0
+
+
+# ---- Pauses -----------------------------------------------------------------------
+
+PAUSED = """
+[[segment]]
+steps = 3
+[[segment]]
+stand = 1.5
+[[segment]]
+steps = 2
+half_step = 0.0
+lateral = 0.05
+"""
+
+
+def test_a_pause_brings_the_feet_together_and_starts_anew(tmp_path):
+    plan = load(tmp_path, PAUSED)
+    assert [step.stand for step in plan.steps[:-1]].count(None) == len(plan.steps) - 2
+    k = next(i for i, step in enumerate(plan.steps) if step.stand is not None)
+    assert (k, plan.steps[k].stand) == (3, 1.5)
+    left, right = foot_poses(plan)[k + 1]
+    assert left - right == pytest.approx([0.0, 0.18, 0.0])
+    after = plan.steps[k + 1 :]
+    assert after[0].side is Side.LEFT
+    alone = plan_steps(Gait(half_step=0.0, lateral=0.05), 2)
+    moves = [(s.side, round(s.x - left[0], 9), s.y) for s in after]
+    assert moves == [(s.side, round(s.x, 9), s.y) for s in alone.steps]
+
+
+def test_a_pause_needs_no_step_where_the_feet_are_together():
+    marching = Gait(half_step=0.0)
+    plan = plan_segments([(marching, 2), 0.5, (marching, 2)])
+    assert len(plan.steps) == 4
+    assert [step.stand for step in plan.steps] == [None, 0.5, None, None]
+    assert plan.closing == 0
+
+
+def test_footsteps_of_ones_own_may_pause(tmp_path):
+    rows = [("right", 0.1, -0.09), ("left", 0.1, 0.09), ("right", 0.2, -0.09)]
+    text = "".join(
+        f'[[footstep]]\nside = "{s}"\nx = {x}\ny = {y}\n' for s, x, y in rows
+    )
+    plan = load(tmp_path, text.replace("y = 0.09", "y = 0.09\nstand = 2"))
+    assert [step.stand for step in plan.steps] == [None, 2.0, None]
+
+
+@pytest.mark.parametrize(
+    ("segments", "message"),
+    [
+        ([(Gait(), 2), 1.0], "between steps"),
+        ([1.0, (Gait(), 2)], "between steps"),
+        ([(Gait(), 2), 1.0, 2.0, (Gait(), 1)], "between steps"),
+        ([1.0], "at least one segment"),
+        ([(Gait(), 2), -1.0, (Gait(), 1)], "segment 2: stand must be"),
+        ([(Gait(), 2), math.nan, (Gait(), 1)], "segment 2: stand must be"),
+        ([(Gait(), 2), "soon", (Gait(), 1)], "segment 2: stand must be"),
+    ],
+)
+def test_pauses_that_make_no_sense_are_refused(segments, message):
+    with pytest.raises((ParameterError, PlanError), match=message):
+        plan_segments(segments)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("stand = 1\nsteps = 2", '"stand" goes alone'),
+        ('stand = "a"', "[[segment]] 2: stand must be a number"),
+        ("stand = -1", "segment 2: stand must be a number in [0, 3600] s"),
+    ],
+)
+def test_bad_pauses_in_files_are_refused(tmp_path, text, message):
+    with pytest.raises(PlanError) as caught:
+        load(tmp_path, PAUSED.replace("stand = 1.5", text))
+    assert message in str(caught.value)

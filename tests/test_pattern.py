@@ -1,5 +1,6 @@
 """The pattern: Eqs. (4)-(13), and its form for any footsteps."""
 
+import dataclasses
 import math
 from itertools import pairwise
 from typing import Any
@@ -651,3 +652,72 @@ def test_integer_and_numpy_times_are_accepted():
     pattern = pattern_of(steps=2)
     assert pattern.at(3).com.tolist() == pattern.at(3.0).com.tolist()
     assert pattern.at(np.float64(3)).com.tolist() == pattern.at(3.0).com.tolist()
+
+
+# ---- Pauses -----------------------------------------------------------------------
+
+STOP_AND_GO = (
+    (Gait(), 3),
+    (Gait(half_step=-0.05, turn=0.15), 2),
+    (Gait(half_step=0.0, lateral=-0.05), 3),
+)
+
+
+@pytest.mark.parametrize("style", ["paper", "minjerk"])
+@pytest.mark.parametrize("pause", [0.0, 1.3])
+def test_a_walk_with_pauses_is_its_walks_one_after_the_other(style, pause):
+    """Each moved to where the one before ended; the same to the last digit but one."""
+    parts = [(dataclasses.replace(g, double_support=style), n) for g, n in STOP_AND_GO]
+    (a, b, c) = parts
+    whole = make_pattern(plan_segments([a, pause, b, pause, c]), PAPER_PENDULUM)
+    begin, place, landed = 0.0, Foothold(0.0, 0.0), 0
+    for part in parts:
+        alone = make_pattern(plan_segments([part]), PAPER_PENDULUM)
+        for t in np.linspace(0.5, alone.duration - 0.5, 60)[:-1].tolist():
+            ours, theirs = whole.at(begin + t), alone.at(t)
+            x, y, _ = theirs.com.tolist()
+            com = place.compose(Foothold(x, y, theirs.heading))
+            near(ours.com[:2], [com.x, com.y], 1e-9)
+            near(ours.heading, com.yaw, 1e-9)
+            zmp = place.compose(Foothold(*theirs.zmp.tolist()))
+            near(ours.zmp, [zmp.x, zmp.y], 1e-9)
+            foot = place.compose(Foothold(*theirs.left.position[:2].tolist()))
+            near(ours.left.position[:2], [foot.x, foot.y], 1e-9)
+            assert ours.phase is theirs.phase
+            assert ours.step == theirs.step + landed
+            assert ours.walking == pytest.approx(theirs.walking)
+        begin += alone.duration - 1.0 + pause
+        landed += len(alone.plan.steps)
+        end = alone.at(alone.duration)
+        place = place.compose(Foothold(*end.com[:2].tolist(), end.heading))
+    assert whole.duration == pytest.approx(begin + 1.0 - pause)
+
+
+@pytest.mark.parametrize("style", ["paper", "minjerk"])
+def test_in_a_pause_everything_rests(style):
+    parts = [(dataclasses.replace(g, double_support=style), n) for g, n in STOP_AND_GO]
+    pattern = make_pattern(plan_segments([parts[0], 2.0, *parts[1:]]), PAPER_PENDULUM)
+    spans = [span for span in pattern.phases if span.phase is Phase.STAND]
+    assert [span.duration for span in spans] == [0.5, 2.0, 0.5]
+    for share in (0.0, 0.3, 0.999):
+        rest = pattern.at(spans[1].start + share * spans[1].duration)
+        middle = 0.5 * (rest.left.position + rest.right.position)
+        near(rest.com[:2], middle[:2], 1e-12)
+        near(rest.zmp, middle[:2], 1e-12)
+        assert not rest.com_velocity.any()
+        assert not rest.com_acceleration.any()
+        assert rest.heading_rate == 0.0
+        assert (rest.walking, rest.left_load) == (0.0, 0.5)
+    assert pattern.continuity_residual() < 1e-9
+    times = np.linspace(0.0, pattern.duration, 999)
+    assert pattern.zmp_residual(times) < 1e-9
+    assert pattern.hull_margin(times).min() > 0.0
+
+
+def test_a_pause_after_the_last_step_is_the_stand_at_the_end():
+    plan = plan_steps(PAPER_GAIT, 2)
+    last = dataclasses.replace(plan.steps[-1], stand=9.0)
+    paused = dataclasses.replace(plan, steps=(*plan.steps[:-1], last))
+    assert make_pattern(paused, PAPER_PENDULUM).duration == pytest.approx(
+        make_pattern(plan, PAPER_PENDULUM).duration
+    )

@@ -36,7 +36,8 @@ MAX_TOE = 1.2
 PAPER_SOLE = (0.24, 0.13)
 """Length and width of a sole [m] when the robot does not say."""
 
-_Segments = Sequence[tuple["Gait", int]]
+_Walk = tuple["Gait", int]
+_Segments = Sequence[_Walk | float]
 
 
 class Side(StrEnum):
@@ -93,6 +94,7 @@ _STEP_LIMITS = {
     "double_support": ("s", 1e-3, 10.0),
     "swing_height": ("m", 0.0, 0.3),
 }
+_STAND_LIMITS = ("s", 0.0, 3600.0)
 _MIN_SINGLE_SUPPORT = 0.1
 
 
@@ -305,10 +307,16 @@ class Footstep:
     swing_height: float = 0.04
     """Clearance in mid-swing [m], in [0, 0.3]."""
 
+    stand: float | None = None
+    """Time to stand still after this step, before the next one starts from rest [s], in
+    [0, 3600]; None to walk on."""
+
     def __post_init__(self) -> None:
         """Check the ranges; store floats and a `Side`."""
         object.__setattr__(self, "side", _checked_side(self.side))
         _check_fields(self, _STEP_LIMITS)
+        if self.stand is not None:
+            _check_fields(self, {"stand": _STAND_LIMITS})
 
     @property
     def foothold(self) -> Foothold:
@@ -433,37 +441,36 @@ def plan_segments(
     first: Side | None = None,
     sole_size: tuple[float, float] = PAPER_SOLE,
 ) -> FootstepPlan:
-    """Return a walk made of regular pieces, joined without a halt.
+    """Return a walk made of regular pieces, joined without a halt, and of pauses.
 
     Args:
-        segments: Pairs of a gait and its number of steps, at least one. The first gait
-            gives the start and the time of standing, the last one gives the stop.
-        first: The foot that swings first, as in `plan_steps`.
+        segments: Pairs of a gait and its number of steps, at least one; between them
+            numbers are times to stand still [s]. The first gait gives the start and the
+            time of standing, the last one gives the stop.
+        first: The foot that swings first, as in `plan_steps`. After a pause it is the
+            one that `plan_steps` would take.
         sole_size: Length and width of each sole [m].
 
     Returns:
-        One plan, with one closing step at its end, if the feet are not parallel.
+        One plan, with a closing step at its end and before each pause, if the feet are
+        not parallel.
 
     Raises:
         ParameterError: If a number of steps is not a whole number in its range.
         PlanError: If there is no segment, the styles of double support differ, the feet
             would meet, or the steps are too long.
     """
-    segments = _checked_segments(segments)
-    begin, end = segments[0][0], segments[-1][0]
+    walks = _between_pauses(_checked_segments(segments))
+    begin, end = walks[0][0][0][0], walks[-1][0][-1][0]
     side = _first_side(begin) if first is None else _checked_side(first)
-    body, feet = Foothold(0.0, 0.0), _beside(Foothold(0.0, 0.0), begin)
-    left, right = feet[Side.LEFT], feet[Side.RIGHT]
-    steps: list[Footstep] = []
-    for gait, count in segments:
-        for shift in _shifts(gait, count, side):
-            body = _advanced(body, gait, shift)
-            steps.append(_footstep(_beside(body, gait)[side], side, gait))
-            feet[side] = steps[-1].foothold
-            side = side.other
-    goal = _beside(body, end)[side]
-    closing = int(not _same(goal, feet[side]))
-    steps += [_footstep(goal, side, end)] * closing
+    body = Foothold(0.0, 0.0)
+    feet = _beside(body, begin)
+    left, right, steps = feet[Side.LEFT], feet[Side.RIGHT], []
+    for k, (pieces, pause) in enumerate(walks):
+        side = _first_side(pieces[0][0]) if k else side
+        body, more, closing = _walk(pieces, body, feet, side)
+        more[-1] = dataclasses.replace(more[-1], stand=pause)
+        steps += more
     return FootstepPlan(
         left=left,
         right=right,
@@ -499,6 +506,9 @@ def load_plan(
         steps = 10
 
         [[segment]]
+        stand = 2.0             # a pause: the feet come together, the robot rests [s]
+
+        [[segment]]
         steps = 6
         turn_deg = 10.0
 
@@ -515,6 +525,7 @@ def load_plan(
         single_support = 0.8
         double_support = 0.2
         swing_height = 0.04
+        stand = 1.0             # rest after this step [s]; walk on if left out
 
     Args:
         path: The file.
@@ -764,18 +775,68 @@ def _turned(d: np.ndarray, yaw: np.ndarray) -> np.ndarray:
 
 
 def _checked_segments(segments: _Segments) -> _Segments:
-    """Check numbers of steps and that all segments agree on the style."""
+    """Check numbers of steps, times, and that all gaits agree on the style."""
     segments = list(segments)
-    if not segments:
+    gaits = [item[0] for item in segments if isinstance(item, tuple)]
+    if not gaits:
         raise PlanError("a plan needs at least one segment of steps")
-    for i, (gait, count) in enumerate(segments, 1):
+    for i, item in enumerate(segments, 1):
         name = f"segment {i}: " if len(segments) > 1 else ""
+        if not isinstance(item, tuple):
+            unit, low, high = _STAND_LIMITS
+            checked_number(f"{name}stand", item, unit=unit, low=low, high=high)
+            continue
+        gait, count = item
         if not isinstance(gait, Gait):
             raise ParameterError(f"{name}gait must be a Gait, got {gait!r}")
         checked_count(f"{name}steps", count, 1, MAX_STEPS)
-        if gait.double_support != segments[0][0].double_support:
+        if gait.double_support != gaits[0].double_support:
             raise PlanError(f"{name}double_support must be the same in all segments")
     return segments
+
+
+def _between_pauses(segments: _Segments) -> list[tuple[list[_Walk], float | None]]:
+    """Return the pieces between pauses, and the pause after each, None after the last.
+
+    Raises:
+        PlanError: If no steps come before, after or between pauses.
+    """
+    walks: list[tuple[list[_Walk], float | None]] = [([], None)]
+    for item in segments:
+        if isinstance(item, tuple):
+            walks[-1][0].append(item)
+        else:
+            walks[-1] = walks[-1][0], float(item)
+            walks.append(([], None))
+    if not all(pieces for pieces, _ in walks):
+        raise PlanError(
+            "a pause (stand) must come between steps; before the first and after the "
+            "last step the plan stands for stand_time"
+        )
+    return walks
+
+
+def _walk(
+    pieces: Sequence[_Walk], body: Foothold, feet: dict[Side, Foothold], side: Side
+) -> tuple[Foothold, list[Footstep], int]:
+    """Walk some pieces and bring the feet together, which `feet` then holds.
+
+    Returns:
+        Where the body is then, the steps, and how many of them only close the feet.
+    """
+    steps: list[Footstep] = []
+    for gait, count in pieces:
+        for shift in _shifts(gait, count, side):
+            body = _advanced(body, gait, shift)
+            steps.append(_footstep(_beside(body, gait)[side], side, gait))
+            feet[side] = steps[-1].foothold
+            side = side.other
+    gait = pieces[-1][0]
+    goal = _beside(body, gait)[side]
+    closing = int(not _same(goal, feet[side]))
+    steps += [_footstep(goal, side, gait)] * closing
+    feet[side] = goal
+    return body, steps, closing
 
 
 def _first_side(gait: Gait) -> Side:
@@ -861,12 +922,16 @@ def _plan_of(document: Mapping[str, Any], usual: Gait) -> FootstepPlan:
 
 def _segment_of(
     usual: Gait, base: Mapping[str, Any], piece: object, i: int
-) -> tuple[Gait, int]:
-    """Return the gait and the number of steps of one [[segment]]."""
+) -> _Walk | float:
+    """Return the gait and the number of steps of one [[segment]], or its pause."""
     where = f"[[segment]] {i}"
-    table = dict(_table(piece, where, ("steps", *_GAIT_KEYS)))
+    table = dict(_table(piece, where, ("steps", "stand", *_GAIT_KEYS)))
+    if "stand" in table:
+        if len(table) > 1:
+            raise PlanError(f'{where}: "stand" goes alone; steps go before and after')
+        return _named(where, checked_number, "stand", table["stand"], unit="s")
     if "steps" not in table:
-        raise PlanError(f'{where}: "steps" is missing')
+        raise PlanError(f'{where}: "steps" or "stand" is missing')
     count = _named(where, checked_count, "steps", table.pop("steps"), 1, MAX_STEPS)
     defaults = {k: v for k, v in base.items() if not _overridden(k, table)}
     return _gait_of(usual, {**defaults, **table}, where), count

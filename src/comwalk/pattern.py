@@ -18,7 +18,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from enum import IntEnum
 from functools import cached_property
-from itertools import accumulate
+from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,7 @@ from scipy.interpolate import PchipInterpolator
 from scipy.linalg import solveh_banded
 
 from .errors import ParameterError, PlanError, checked_number
-from .footsteps import Foothold, FootstepPlan, Gait, Side, foot_poses
+from .footsteps import Foothold, FootstepPlan, Gait, Side, excerpt, foot_poses
 from .pendulum import Pendulum, zmp_of_motion
 from .polygon import convex_hull, polygon_margin, rectangle
 from .swing import FootMotion, minimum_jerk, resting_foot, swing_foot
@@ -637,6 +637,8 @@ def make_pattern(plan: FootstepPlan, pendulum: Pendulum) -> Pattern:
     stance foot in single support, and cdot is continuous. It starts and stops at rest
     in the middle of the feet. With the style "minjerk" the ZMP is smooth throughout.
 
+    Where a footstep ends in a pause, it stops and starts in the same way.
+
     Args:
         plan: Footsteps with times.
         pendulum: Gives omega_n and c_z.
@@ -656,9 +658,12 @@ def make_pattern(plan: FootstepPlan, pendulum: Pendulum) -> Pattern:
     poses = foot_poses(plan)
     if not plan.steps:
         return _standing(plan, pendulum, poses)
-    curves = _com_curves(plan, pendulum.omega, poses)
-    pieces = _pieces(plan, poses, curves)
-    return Pattern(plan, pendulum, pieces, _heading_curve(pieces, poses))
+    rows = []
+    for first, last in _walks(plan):
+        rows += _walk_rows(plan, poses, pendulum.omega, first, last)
+    starts = accumulate((row[0] for row in rows), initial=0.0)
+    pieces = tuple(_Piece(t, *row) for t, row in zip(starts, rows, strict=False))
+    return Pattern(plan, pendulum, pieces, _heading_curve(plan, pieces, poses))
 
 
 def _standing(plan: FootstepPlan, pendulum: Pendulum, poses: np.ndarray) -> Pattern:
@@ -860,22 +865,38 @@ def _still(c: np.ndarray) -> np.ndarray:
     return _linear(c, c)
 
 
-def _pieces(
-    plan: FootstepPlan, poses: np.ndarray, curves: np.ndarray
-) -> tuple[_Piece, ...]:
-    """Return all phases in order, with what each needs for evaluation."""
-    rows = _phase_rows(plan, poses)
+def _walks(plan: FootstepPlan) -> list[tuple[int, int]]:
+    """Return the first step of each walk between pauses, and the one after its last."""
+    rests = [k for k, step in enumerate(plan.steps[:-1], 1) if step.stand is not None]
+    return list(pairwise([0, *rests, len(plan.steps)]))
+
+
+def _walk_rows(
+    plan: FootstepPlan, poses: np.ndarray, omega: float, first: int, last: int
+) -> list[tuple]:
+    """Return the fields of `_Piece` but its start, of the phases of one walk, in order.
+
+    They begin with the pause before it, and the last walk ends with standing.
+    """
+    walk, poses = excerpt(plan, first, last), poses[first : last + 1]
+    curves = _com_curves(walk, omega, poses)
     still = _still(poses[[0, -1], :, :2].mean(axis=1))
     numbers = [still[0].tolist(), *curves.tolist(), still[1].tolist()]
-    starts = [0.0, *accumulate(row[0] for row in rows)]
-    return tuple(
-        _Piece(start, *row, *axes)
-        for start, row, axes in zip(starts, rows, numbers, strict=False)
-    )
+    pause = plan.steps[first - 1].stand if first else plan.stand_time
+    rows = _phase_rows(walk, poses, first)
+    rows[0] = (pause, *rows[0][1:])
+    whole = [(*row, *axes) for row, axes in zip(rows, numbers, strict=True)]
+    return whole if last == len(plan.steps) else whole[:-1]
 
 
-def _phase_rows(plan: FootstepPlan, poses: np.ndarray) -> list[tuple]:
-    """Return the fields of `_Piece` from its duration to its swing, in order."""
+def _phase_rows(plan: FootstepPlan, poses: np.ndarray, landed: int = 0) -> list[tuple]:
+    """Return the fields of `_Piece` from its duration to its swing, in order.
+
+    Args:
+        plan: A plan without pauses.
+        poses: Both feet before the first step and after each one.
+        landed: Number of footsteps that landed before.
+    """
     holds = [[Foothold(*foot) for foot in pair] for pair in poses.tolist()]
     feet = [(resting_foot(left), resting_foot(right)) for left, right in holds]
     stances = [step.side.other for step in plan.steps]
@@ -889,18 +910,20 @@ def _phase_rows(plan: FootstepPlan, poses: np.ndarray) -> list[tuple]:
 
     def still(time: float, phase: Phase, k: int, blend: tuple) -> tuple:
         sides = (base[k], base[k])
-        return time, phase, sides, half, blend, k, feet[k], None
+        return time, phase, sides, half, blend, landed + k, feet[k], None
 
     def double(k: int) -> tuple:
         sides, loads = ends(base, k), ends(load, k)
-        return D[k], Phase.DOUBLE, sides, loads, walk, k, feet[k], None
+        step = landed + k
+        return D[k], Phase.DOUBLE, sides, loads, walk, step, feet[k], None
 
     def single(k: int) -> tuple:
         side, left = stances[k], load[k + 1]
         i = 1 if side is Side.LEFT else 0
         swing = holds[k][i], holds[k + 1][i], plan.steps[k].swing_height
         phase = Phase.SINGLE_LEFT if side is Side.LEFT else Phase.SINGLE_RIGHT
-        return S[k], phase, (side, side), (left, left), walk, k, feet[k], swing
+        sides, loads, step = (side, side), (left, left), landed + k
+        return S[k], phase, sides, loads, walk, step, feet[k], swing
 
     return [
         still(plan.stand_time, Phase.STAND, 0, (0.0, 0.0)),
@@ -913,19 +936,26 @@ def _phase_rows(plan: FootstepPlan, poses: np.ndarray) -> list[tuple]:
 
 
 def _heading_curve(
-    pieces: tuple[_Piece, ...], poses: np.ndarray
+    plan: FootstepPlan, pieces: tuple[_Piece, ...], poses: np.ndarray
 ) -> tuple[list[float], list[list[float]]]:
     """Return knots [s] and cubics of the heading: the mean of the feet when one lands.
 
-    The cubics are monotone between knots (PCHIP), and still at the start and the end.
+    The cubics are monotone between knots (PCHIP), and still where the robot rests.
     """
-    landings = [p.start + p.duration for p in pieces[3:-3:2]]
-    knots = [pieces[1].start, pieces[2].start, *landings, pieces[-1].start]
-    yaw = _mean_yaw(poses)
-    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-        # A denormal turn overflows in its slopes' harmonic mean, which is 0 then.
-        cubics = PchipInterpolator(knots, [yaw[0], *yaw, yaw[-1]]).c
-    return knots, cubics.T.tolist()
+    yaw, knots, cubics = _mean_yaw(poses), [], []
+    rests = [k for k, piece in enumerate(pieces) if piece.phase is Phase.STAND]
+    for (i, j), (first, last) in zip(pairwise(rests), _walks(plan), strict=True):
+        landings = [piece.start for piece in pieces[i + 4 : j - 1 : 2]]
+        if knots:
+            cubics.append([0.0, 0.0, 0.0, float(yaw[first])])
+        starts = [pieces[i + 1].start, pieces[i + 2].start]
+        own = [*starts, *landings, pieces[j].start]
+        angles = [yaw[first], *yaw[first : last + 1], yaw[last]]
+        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+            # A denormal turn overflows in its slopes' harmonic mean, which is 0 then.
+            cubics += PchipInterpolator(own, angles).c.T.tolist()
+        knots += own
+    return knots, cubics
 
 
 def _mean_yaw(poses: np.ndarray) -> np.ndarray:

@@ -549,8 +549,8 @@ def table_of(config: Any) -> dict[str, Any]:
         All values that are not None, ready for TOML or JSON.
 
     Example:
-        >>> table_of(PatternConfig())["pendulum"]
-        {'height': 0.687, 'gravity': 9.81}
+        >>> table_of(PatternConfig(steps=3))["steps"]
+        3
     """
     names = fields_of(type(config))
     values = {name: getattr(config, name) for name in names}

@@ -204,6 +204,20 @@ def test_links_meet_where_their_geoms_do():
     assert distance == pytest.approx(nearest, abs=2e-3)
 
 
+def test_more_geometry_may_have_more_joints():
+    """Joints go by their names; the base does not matter."""
+    spec = paper().spec.copy()
+    more = spec.bodies[-1].add_body(name="finger", pos=[0, 0, -0.1])
+    more.add_joint(name="finger", axis=[1, 0, 0])
+    more.add_geom(type=mujoco.mjtGeom.mjGEOM_SPHERE, size=[0.005, 0, 0], mass=0.01)
+    del spec.keys[:]
+    wider = SelfCollision(paper(), spec)
+    q = arms_crossed()
+    same = SelfCollision(paper()).distances(q)
+    q[:3] = 5.0
+    assert wider.distances(q) == pytest.approx(same)
+
+
 def test_a_dance_through_the_chest_is_refused():
     names = ("l_shoulder_yaw", "l_elbow_pitch", "l_shoulder_pitch")
     angles = paper().home_angles

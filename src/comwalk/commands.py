@@ -85,10 +85,12 @@ def walk(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) ->
 def check(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -> int:
     """Tell whether a robot is able to walk so, and what is nearest to a limit.
 
-    It takes what `comwalk walk` takes, and moves nothing. Exit code 0 if the walk fits,
-    1 if it does not; then it tells what would.
+    It takes what `comwalk walk` takes, and moves nothing. It also looks whether meshes
+    of the robot's links meet, which a walk does not. Exit code 0 if the walk fits, 1 if
+    it does not; then it tells what would.
     """
     from .feasibility import advice, feasibility, nearest_plans
+    from .model_files import read_model
 
     given = given_flags(flags) | ({} if robot is None else {"robot": robot})
     settings = make_config(WalkConfig, given, config)
@@ -96,7 +98,8 @@ def check(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -
     if setup.robot is None:
         raise ParameterError('check needs a robot; leave out plant "pendulum"')
     parts = setup.robot, setup.pattern, setup.motion
-    result = feasibility(*parts)
+    geometry = read_model(settings.robot, geometry=True).spec
+    result = feasibility(*parts, geometry=geometry)
     changes = () if result.ok else nearest_plans(*parts, result.worst)
     rows = [dataclasses.asdict(demand) for demand in result.demands]
     if settings.json:

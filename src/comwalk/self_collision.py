@@ -1,7 +1,8 @@
 """Whether the links of a robot meet: distances of geoms of links that are apart.
 
 Links near each other in the tree overlap in most models, and so do links that touch in
-the home posture; such pairs are left out.
+the home posture; such pairs are left out. Where most links have geoms that collide,
+only these count, else all.
 """
 
 from __future__ import annotations
@@ -16,7 +17,8 @@ from .robot import Robot
 CLEARANCE = 0.01
 """Distance below which links are reported [m]."""
 
-_NEAR = 2  # links that are at most as many joints apart may overlap
+_NEAR = 3  # links that are at most as many joints apart may overlap, as at a hip
+_MOST = 0.4  # share of links with geoms that collide, for only these to count
 
 
 class SelfCollision:
@@ -30,14 +32,15 @@ class SelfCollision:
 
         Args:
             robot: The robot.
-            geometry: The same robot with more geoms; those of the robot if None.
+            geometry: The same robot with more geoms, and perhaps more joints; the
+                robot's own if None.
         """
-        spec = (geometry or robot.spec).copy()
-        for geom in spec.geoms:
-            geom.contype = geom.conaffinity = 1
-            geom.margin, geom.gap = 0.5 * CLEARANCE, 0.0
-        self.model = spec.compile()
+        self.model = _colliding(geometry or robot.spec)
         self._data = mujoco.MjData(self.model)
+        names = {self.model.joint(i).name: i for i in range(self.model.njnt)}
+        pairs = [(j, names[n]) for j, n in enumerate(robot.joints) if n in names]
+        self._ours = np.array([7 + j for j, _ in pairs])
+        self._theirs = self.model.jnt_qposadr[[i for _, i in pairs]]
         self._links = _link_names(self.model)
         self._touching: set[tuple[int, int]] = set()
         self._touching = {pair for pair, _ in self._pairs(robot.home)}
@@ -62,7 +65,7 @@ class SelfCollision:
     def _pairs(self, q: np.ndarray) -> Iterator[tuple[tuple[int, int], float]]:
         """Yield links that are near each other, and their distances."""
         m, d = self.model, self._data
-        d.qpos[:] = q
+        d.qpos[self._theirs] = q[self._ours]
         mujoco.mj_kinematics(m, d)
         mujoco.mj_comPos(m, d)
         mujoco.mj_collision(m, d)
@@ -73,6 +76,20 @@ class SelfCollision:
         for pair, distance in zip(links.tolist(), d.contact.dist.tolist(), strict=True):
             if pair[0] != pair[1] and tuple(pair) not in self._touching:
                 yield (pair[0], pair[1]), distance
+
+
+def _colliding(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    """Return a model all of whose links collide, with a margin."""
+    spec = spec.copy()
+    solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
+    if len({geom.parent.name for geom in solid}) < _MOST * len(spec.bodies):
+        solid = list(spec.geoms)
+    for geom in spec.geoms:
+        geom.contype = geom.conaffinity = 0
+    for geom in solid:
+        geom.contype = geom.conaffinity = 1
+        geom.margin, geom.gap = 0.5 * CLEARANCE, 0.0
+    return spec.compile()
 
 
 def _link_names(model: mujoco.MjModel) -> list[str]:

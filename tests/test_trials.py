@@ -206,15 +206,18 @@ def test_stop_and_go_stands_side_by_side_on_the_way():
     base = make_pattern(plan_steps(gait, 1), Pendulum())
     pattern = stop_and_go(base, gait, 3, pause=2.0)
     poses = foot_poses(pattern.plan)
-    apart = np.abs(poses[:, 0, 0] - poses[:, 1, 0])
-    waits = [s for s in pattern.phases if s.duration == pytest.approx(2.0)]
-    assert len(waits) == 1
-    reference = pattern.at(waits[0].start + 1.0)
-    assert reference.left.position[0] == pytest.approx(reference.right.position[0])
-    assert apart[0] == apart[-1] == 0.0
+    stands = [step.stand for step in pattern.plan.steps]
+    (k,) = np.flatnonzero([stand == 2.0 for stand in stands])
+    left, right = poses[k + 1]
+    assert left[0] == pytest.approx(right[0])
     middle = poses[:, :, 0].mean(axis=1)
-    halfway = reference.left.position[0]
-    assert middle[-1] - halfway == pytest.approx(halfway - middle[0])
+    assert middle[-1] - middle[k + 1] == pytest.approx(middle[k + 1] - middle[0])
+    rests = [s for s in pattern.phases if s.phase is Phase.STAND]
+    assert len(rests) == 3
+    times = rests[1].start + np.linspace(0.0, rests[1].duration, 20)
+    assert rests[1].duration == pytest.approx(2.0)
+    com = pattern.sample(times).com[:, :2]
+    assert np.abs(com - (middle[k + 1], 0.0)).max() < 1e-9
 
 
 # ---- Doing it ---------------------------------------------------------------------

@@ -302,31 +302,35 @@ def _footprints(
             data.qpos[:] = qpos[(first + last) // 2]
             mujoco.mj_kinematics(model, data)
             lifted = float(t[last]) if last < len(t) else math.inf
-            prints += [
-                _Print(float(t[first]), lifted, side, *box)
-                for box in _sole_boxes(model, data, side)
-            ]
+            box = _sole_box(model, data, side)
+            if box is not None:
+                prints.append(_Print(float(t[first]), lifted, side, *box))
     return tuple(prints)
 
 
-def _sole_boxes(
+def _sole_box(
     model: mujoco.MjModel, data: mujoco.MjData, side: Side
-) -> list[tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]]:
-    """Return corners, centre, rotation and size of the soles of a foot."""
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
+    """Return corners, centre, rotation and size of the box around a foot's contacts."""
     site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{side.value[0]}_sole")
     if site < 0:
-        return []
-    body, boxes = model.site_bodyid[site], []
-    for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
-        if not (model.geom_contype[geom] or model.geom_conaffinity[geom]):
-            continue
-        R = data.geom_xmat[geom].reshape(3, 3)
-        middle, size = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-        center = data.geom_xpos[geom] + R @ middle
-        local = size[:2] * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
-        corners = center[:2] + local @ R[:2, :2].T
-        boxes.append((corners, center, R.copy(), size.copy()))
-    return boxes
+        return None
+    collides = (model.geom_contype | model.geom_conaffinity) > 0
+    geoms = np.flatnonzero(collides & (model.geom_bodyid == model.site_bodyid[site]))
+    R, origin = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
+    points = np.vstack([_corners(model, data, geom) for geom in geoms]) - origin
+    low, high = (points @ R).min(axis=0), (points @ R).max(axis=0)
+    center, size = origin + R @ (0.5 * (low + high)), 0.5 * (high - low)
+    local = size[:2] * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
+    return center[:2] + local @ R[:2, :2].T, center, R.copy(), size
+
+
+def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> np.ndarray:
+    """Return the corners of the box around a geom [m], world, of shape (8, 3)."""
+    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
+    middle, size = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
+    R = data.geom_xmat[geom].reshape(3, 3)
+    return data.geom_xpos[geom] + (middle + signs * size) @ R.T
 
 
 # ---- Drawing ----------------------------------------------------------------------

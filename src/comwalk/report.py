@@ -9,6 +9,8 @@ from pathlib import Path
 
 from .bench import Job, Result
 from .errors import ComwalkError, RunError
+from .robot import load_robot
+from .simulator import build_scene
 from .trials import DEFAULT, DISTURBED, PUSH_WAYS, WALKS, Case, prepare
 
 
@@ -240,8 +242,9 @@ def _figure_table(findings: Findings) -> Table:
         yield f"{com['x']:.1f} / {com['y']:.1f}"
         yield zmp_cell(r)
         yield f"{r['sole_margin_p5_mm']:.0f} / {r['sole_margin_min_mm']:.0f}"
-        yield f"{r['joint_speed_max_pct']:.0f} % {r['joint_speed_max_joint']}"
-        yield f"{r['torque_max_pct']:.0f} % {r['torque_max_joint']}"
+        for name in ("joint_speed", "torque"):
+            share, joint = r[f"{name}_max_pct"], r[f"{name}_max_joint"]
+            yield f"{share:.0f} % {joint}" if share else "no limits"
         yield f"{r['real_time_factor']:.1f}"
 
     head = ("robot", "end error / path", "CoM rms x / y [mm]", "ZMP rms x / y [mm]")
@@ -431,8 +434,9 @@ def draw_robot(robot: str, path: Path) -> None:
     """
     from .render import View, render_still
 
-    walk = dataclasses.replace(WALKS[0], steps=6)
-    run = prepare(robot, walk).run()
+    setup = prepare(robot, dataclasses.replace(WALKS[0], steps=6))
+    seen = build_scene(load_robot(robot, geometry=True), setup.physics)
+    run = dataclasses.replace(setup.run(), scene=seen)
     singles = [s for s in run.pattern.phases if s.phase.name.startswith("SINGLE")]
     time = singles[3].start + 0.7 * singles[3].duration
     view = View(width=480, height=480, shadows=True, smooth=2, distance=1.55)

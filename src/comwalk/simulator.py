@@ -302,6 +302,8 @@ def build_scene(
         PlanError: If the plan is too long for a rough floor.
     """
     spec = robot.spec.copy()
+    for light in spec.lights:  # those of a robot's file would add to ours
+        spec.delete(light)
     for geom in spec.geoms:  # soles may have priority over the floor: both must slip
         geom.friction[0] = min(geom.friction[0], settings.friction)
     spec.option.timestep = settings.timestep

@@ -354,7 +354,7 @@ def stop_and_go(
         pattern: Uses its pendulum and the size of its soles.
         gait: The walk before and after.
         steps: Number of steps before, and after.
-        pause: Time on both feet between them [s].
+        pause: Time to stand still between them [s].
 
     Returns:
         The pattern.
@@ -362,12 +362,8 @@ def stop_and_go(
     Raises:
         ComwalkError: If it cannot be walked.
     """
-    still = dataclasses.replace(gait, half_step=0.0, lateral=0.0, turn=0.0)
-    segments = ((gait, steps), (still, 2), (gait, steps))
+    segments = ((gait, steps), pause, (gait, steps))
     plan = plan_segments(segments, sole_size=pattern.plan.sole_size)
-    footsteps, k = list(plan.steps), steps + 2
-    footsteps[k] = dataclasses.replace(footsteps[k], double_support=pause)
-    plan = dataclasses.replace(plan, steps=tuple(footsteps))
     return make_pattern(plan, pattern.pendulum)
 
 

@@ -259,6 +259,19 @@ def test_slower_steps_help_slow_joints():
     assert any("times the time" in text for text in texts)
 
 
+def test_changes_that_make_no_plan_are_passed_over(monkeypatch):
+    """Such as steps that would put a sole on the other."""
+    from comwalk import feasibility as module
+
+    def meeting(plan, factor):
+        raise PlanError("soles meet")
+
+    monkeypatch.setattr(module, "shortened", meeting)
+    pattern = walk_pattern(paper(), 3, half_step=0.16)
+    (change,) = nearest_plans(paper(), pattern)
+    assert "pendulum.height" in change.text
+
+
 def test_where_nothing_helps_it_says_so():
     robot = limited("l_knee_pitch", torque=5.0)
     with pytest.raises(PlanError, match="neither shorter nor slower"):

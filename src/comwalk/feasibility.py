@@ -217,7 +217,11 @@ def _complaint(pattern: Pattern, worst: Demand) -> str:
 
 # ---- Plans that fit -----------------------------------------------------------------
 
-_TRIALS = {"step": (5, 10, 20, 40, 70), "time": (10, 20, 40, 80), "body": (2, 4, 8, 14)}
+_TRIALS = {
+    "step": (5, 10, 20, 40, 70, 90),
+    "time": (10, 20, 40, 80),
+    "body": (2, 4, 8, 14),
+}
 """Sizes of the changes that are tried first, in %."""
 
 _EXCERPT = 3  # footsteps before and after the worst moment that are looked at
@@ -265,24 +269,27 @@ def _smallest(
 ) -> Change | None:
     """Return the smallest change of a kind by which a pattern fits."""
 
-    def helps(percent: int) -> bool:
-        return fits(_changed(part, kind, percent)[0], _COARSE)
+    def tried(base: Pattern, percent: int, period: float) -> Change | None:
+        try:
+            pattern, text = _changed(base, kind, percent)
+        except PlanError:
+            return None
+        fit = fits(pattern, period)
+        return Change(text, 0.01 * percent, pattern) if fit else None
 
     low = 0
     for high in _TRIALS[kind]:
-        if helps(high):
+        if tried(part, high, _COARSE):
             break
         low = high
     else:
         return None
     while high - low > 1:
         middle = (low + high) // 2
-        low, high = (low, middle) if helps(middle) else (middle, high)
-    for percent in (high, high + 1, high + 3, high + 6):
-        pattern, text = _changed(whole, kind, percent)
-        if fits(pattern, PERIOD):
-            return Change(text, 0.01 * percent, pattern)
-    return None
+        helps = tried(part, middle, _COARSE)
+        low, high = (low, middle) if helps else (middle, high)
+    more = (tried(whole, high + extra, PERIOD) for extra in (0, 1, 3, 6))
+    return next((change for change in more if change), None)
 
 
 def _fits(

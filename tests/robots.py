@@ -6,23 +6,10 @@ import xml.etree.ElementTree as ET
 from functools import cache
 from pathlib import Path
 
-import mujoco
 import numpy as np
 
-from comwalk.resolution import CartesianMotion, JointMotion, Limb, Task
-from comwalk.robot import Kinematics, Robot, Servo, load_robot
-
-# Chains of JVRC-1, by joint names.
-_JVRC_LEG = ("HIP_P", "HIP_R", "HIP_Y", "KNEE", "ANKLE_R", "ANKLE_P")
-_JVRC_ARM = (
-    "SHOULDER_P",
-    "SHOULDER_R",
-    "SHOULDER_Y",
-    "ELBOW_P",
-    "ELBOW_Y",
-    "WRIST_R",
-    "WRIST_Y",
-)
+from comwalk.resolution import CartesianMotion, JointMotion, Task
+from comwalk.robot import Kinematics, Robot, load_robot
 
 
 @cache
@@ -53,69 +40,8 @@ def jvrc_path() -> Path:
 
 @cache
 def jvrc() -> Robot:
-    """Return JVRC-1, kinematics only: limbs named by hand, no soles, no servos."""
-    spec = mujoco.MjSpec.from_string(bare_urdf(jvrc_path()))
-    spec.compiler.fusestatic = False
-    spec.compiler.balanceinertia = True
-    spec.worldbody.first_body().add_freejoint()
-    ends = {
-        "right_leg": "R_ANKLE_P_S",
-        "left_leg": "L_ANKLE_P_S",
-        "right_arm": "R_WRIST_Y_S",
-        "left_arm": "L_WRIST_Y_S",
-        "torso": "WAIST_R_S",
-        "head": "NECK_P_S",
-    }
-    for name, body in ends.items():
-        spec.body(body).add_site(name=name, pos=[0.02, 0.01, -0.05])
-    model = spec.compile()
-    joints = tuple(model.joint(i).name for i in range(1, model.njnt))
-    index = {name: j for j, name in enumerate(joints)}
-
-    def chain(*names: str) -> tuple[int, ...]:
-        return tuple(index[name] for name in names)
-
-    limbs = [
-        Limb(name="left_leg", joints=chain(*(f"L_{j}" for j in _JVRC_LEG))),
-        Limb(name="right_leg", joints=chain(*(f"R_{j}" for j in _JVRC_LEG))),
-        Limb(name="torso", joints=chain("WAIST_Y", "WAIST_P", "WAIST_R")),
-        Limb(
-            name="left_arm",
-            joints=chain(*(f"L_{j}" for j in _JVRC_ARM)),
-            parent="torso",
-        ),
-        Limb(
-            name="right_arm",
-            joints=chain(*(f"R_{j}" for j in _JVRC_ARM)),
-            parent="torso",
-        ),
-        Limb(name="head", joints=chain("NECK_Y", "NECK_R", "NECK_P"), parent="torso"),
-    ]
-    used = {j for limb in limbs for j in limb.joints}
-    rest = tuple(j for j in range(len(joints)) if j not in used)
-    limbs.append(Limb(name="rest", joints=rest))
-    sites = tuple(model.site(limb.name).id for limb in limbs[:-1])
-    n = len(joints)
-    home = model.qpos0.copy()
-    home[2] = 0.8
-    for name, angle in (("HIP_P", -0.5), ("KNEE", 1.0), ("ANKLE_P", -0.5)):
-        for side in "LR":
-            home[7 + index[f"{side}_{name}"]] = angle
-    return Robot(
-        name="jvrc1",
-        spec=spec,
-        model=model,
-        joints=joints,
-        limbs=tuple(limbs),
-        ends=(*sites, -1),
-        feet={},
-        servo=Servo(np.ones(n), np.ones(n), np.zeros(n, dtype=int)),
-        lower=np.full(n, -np.inf),
-        upper=np.full(n, np.inf),
-        speed=np.full(n, np.inf),
-        torque=np.full(n, np.inf),
-        home=home,
-    )
+    """Return JVRC-1, its fingers locked."""
+    return load_robot("jvrc1")
 
 
 def random_configuration(robot: Robot, rng: np.random.Generator) -> np.ndarray:

@@ -57,6 +57,7 @@ ORDER = (
     "reach",
     "terrain",
     "simulator",
+    "description",
     "whole_body",
     "dynamics",
     "self_collision",
@@ -69,6 +70,7 @@ ORDER = (
     "run",
     "gl",
     "render",
+    "portrait",
     # For people.
     "config",
     "trials",
@@ -77,6 +79,7 @@ ORDER = (
     "figures",
     "flags",
     "commands",
+    "robot_commands",
     "bench_commands",
     "cli",
     "__main__",
@@ -89,16 +92,16 @@ PACKAGES = {
         *("skeleton", "soles", "anatomy", "roles", "posture", "servos"),
         *("marking", "marked", "robot"),
         *("simulator", "dynamics", "self_collision", "feasibility"),
-        *("run", "render"),
+        *("run", "render", "portrait"),
     },
     "trimesh": {"mesh_files"},
     "matplotlib": {"plot", "figures", "render"},
-    "rich": {"bench_commands", "cli", "commands"},
-    "cyclopts": {"bench_commands", "cli", "commands", "flags"},
+    "rich": {"bench_commands", "cli", "commands", "robot_commands"},
+    "cyclopts": {"bench_commands", "cli", "commands", "flags", "robot_commands"},
 }
 """Where a package may be imported."""
 
-PRINTERS = {"bench_commands", "cli", "commands"}
+PRINTERS = {"bench_commands", "cli", "commands", "robot_commands"}
 """Where something may be printed."""
 
 MODULES = sorted(path.stem for path in SOURCE.glob("*.py") if path.stem != "__init__")

@@ -130,9 +130,11 @@ def paper_oracle() -> Oracle:
 
 @cache
 def jvrc_oracle() -> Oracle:
-    """Return JVRC-1 in Pinocchio."""
-    urdf = bare_urdf(jvrc_path())
-    return _oracle(jvrc(), pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer()))
+    """Return JVRC-1 in Pinocchio, the fingers locked at zero."""
+    urdf, robot = bare_urdf(jvrc_path()), jvrc()
+    model = pin.buildModelFromXML(urdf, pin.JointModelFreeFlyer())
+    locked = [model.getJointId(name) for name in robot.anatomy.locked]
+    return _oracle(robot, pin.buildReducedModel(model, locked, pin.neutral(model)))
 
 
 ORACLES = {"paper": paper_oracle, "jvrc1": jvrc_oracle}

@@ -51,6 +51,10 @@ class Anatomy:
     """Joints in the limbs that follow others; no limb lists them."""
     imu: str = ""
     """Body that bears the IMU."""
+    designed: tuple[str, ...] = ()
+    """Joints whose servos are comwalk's, not the file's."""
+    marked: bool = False
+    """Whether the file marks all this itself."""
     notes: tuple[str, ...] = ()
     """What a user should know, a line each."""
 

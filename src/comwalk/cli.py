@@ -31,6 +31,7 @@ _COMMANDS = {
     "robots": "List the robots that are known by name.",
     "replay": "Summarise a run, or verify it with MuJoCo alone.",
 }
+_ROBOT = "Tell what was found out about a robot: limbs, soles, servos, gait."
 _BENCH = "Try robots on walks, dances, floors, pushes and loads."
 _PAIRS = re.compile(r"--gains\.[\w-]+|--disturbance")
 
@@ -85,6 +86,7 @@ def _app() -> App:
     )
     for name, text in _COMMANDS.items():
         app.command(f"{__package__}.commands:{name}", name=name, help=text)
+    app.command(f"{__package__}.robot_commands:robot", name="robot", help=_ROBOT)
     app.command(f"{__package__}.bench_commands:bench", name="bench", help=_BENCH)
     return app
 

@@ -752,8 +752,8 @@ def _load(config: RobotConfig) -> Robot:
     """Return the robot."""
     from .robot import load_robot
 
-    options = {} if config.profile is None else {"profile": config.profile}
-    return load_robot(config.robot, stiffness=config.stiffness, **options)
+    name, factor = config.robot, config.stiffness
+    return load_robot(name, stiffness=factor, profile=config.profile)
 
 
 def _pendulum(config: RobotConfig, robot: Robot) -> Pendulum:

@@ -7,6 +7,7 @@ Sites named after REP-120 end the limbs: `l_sole`, `r_sole`, `l_gripper` or `l_w
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import mujoco
@@ -57,6 +58,7 @@ def read_marks(spec: mujoco.MjSpec, path: Path, mimics: Sequence[Mimic]) -> Anat
     model = compile_model(spec, f"robot {path}")
     soles = {side: _add_centre(spec, model, side, path) for side in Side}
     look = Skeleton(model, mujoco.MjData(model), str(path))
+    mujoco.mj_kinematics(model, look.data)
     sites = {model.site(i).name: i for i in range(model.nsite)}
     chains: dict[str, tuple[int, ...]] = {part: () for part in _ENDS}
     for part, frames in _ENDS.items():
@@ -96,11 +98,21 @@ def _anatomy(
         torso=free["torso"],
         head=free["head"],
         locked=(),
-        soles=soles,
+        soles={s: _over_ankle(look, soles[s], chains[f"{s} leg"][-1]) for s in Side},
         coupled=coupled,
         imu=_imu_body(look.model),
+        marked=True,
         notes=tuple(f'joint "{j}" follows one of another limb: ignored' for j in apart),
     )
+
+
+def _over_ankle(look: Skeleton, sole: Sole, ankle: int) -> Sole:
+    """Return a sole that knows where the leg's last joint is."""
+    body = look.model.body(sole.body).id
+    R = look.rotation(body)
+    centre = look.data.xpos[body] + R @ sole.position
+    x, y, z = ((look.anchors([ankle])[0] - centre) @ R @ sole.rotation).tolist()
+    return replace(sole, ankle=(x, y, z))
 
 
 def _imu_body(model: mujoco.MjModel) -> str:

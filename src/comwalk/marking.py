@@ -88,7 +88,11 @@ def mark(file: ModelFile, profile: Profile | None = None) -> Anatomy:
     spec.add_key(name="walk", qpos=q.tolist())
     mass = float(model.body_subtreemass[model.jnt_bodyid[0]])
     notes.append(soft_servos(design, anatomy, own, mass))
-    return replace(anatomy, notes=(*anatomy.notes, *(n for n in notes if n)))
+    return replace(
+        anatomy,
+        designed=tuple(j for j in gains if j not in own and j not in profile.servo),
+        notes=(*anatomy.notes, *(n for n in notes if n)),
+    )
 
 
 def compile_model(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
@@ -193,14 +197,15 @@ def couple_in_physics(spec: mujoco.MjSpec, mimics: Iterable[Mimic]) -> None:
         mimics: Which joint follows which.
     """
     for mimic in mimics:
-        spec.add_equality(
+        bond = spec.add_equality(
             type=mujoco.mjtEq.mjEQ_JOINT,
             objtype=mujoco.mjtObj.mjOBJ_JOINT,
             name1=mimic.joint,
             name2=mimic.primary,
-            data=[mimic.offset, mimic.ratio, *[0.0] * 9],
-            solref=[0.005, 1.0],
         )
+        data = np.zeros_like(bond.data)
+        data[:2] = mimic.offset, mimic.ratio
+        bond.data, bond.solref = data, np.array(_GRIP["solref"])
 
 
 def _turn_base(spec: mujoco.MjSpec, zero: Skeleton, forward: float) -> None:

@@ -36,6 +36,7 @@ SOFTEST = 5.0
 warns [1/rad]."""
 
 _LEAST = 2e-3  # smallest gain of an arm's servo, as a share of a leg's
+_IDLE = 1e-3  # gains of a joint that follows another, as a share of the leader's
 _SLIDE = 0.3  # lever by which a slide's gain stands for a hinge's, in CoM heights
 
 
@@ -47,6 +48,10 @@ class Gains:
     """Position gain [N m/rad], of a slide [N/m]."""
     damping: float
     """Velocity gain [N m s/rad], of a slide [N s/m]."""
+
+    def times(self, factor: float) -> Gains:
+        """Return gains as many times as high."""
+        return Gains(factor * self.stiffness, factor * self.damping)
 
     def over(self, given: ServoGains | None) -> Gains:
         """Return the gains with what a profile gives; damping follows stiffness."""
@@ -138,6 +143,10 @@ def design_servos(model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray) -> Des
         free = min(max(arm * float(M[column, column]), _LEAST * most), most)
         stiffness = float(f"{most if name in carrying else free:.3g}")
         gains[name] = Gains(stiffness, SERVO_LAG * math.sqrt(r) * stiffness)
+    for mimic in anatomy.coupled:
+        lead = gains[mimic.primary]
+        gains[mimic.joint] = lead.times(_IDLE)
+        gains[mimic.primary] = lead.times(1.0 + mimic.ratio**2)
     return Design(gains, ARMATURE * r, weight * height)
 
 

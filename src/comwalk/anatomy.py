@@ -60,7 +60,7 @@ class Anatomy:
 
 
 _GROUND = 0.25  # share of the height within which the end of a limb is a foot
-_SKEW = 0.05  # angle under which a forward axis is that of the file [rad]
+_SKEW = 0.015  # angle under which a forward axis is that of the file [rad]
 _TOGETHER = 0.03, 0.015  # hips, feet that are in one place, in leg lengths
 _TOE = 0.05  # distance of a toe's joint from the ankle, in leg lengths
 _LEG = 6  # joints that a leg needs to place its foot

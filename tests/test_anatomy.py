@@ -1,4 +1,4 @@
-"""What is what in a model: from any names, in any order, at any size, facing anywhere."""
+"""What is what in a model: by any names, in any order, at any size, facing anywhere."""
 
 from __future__ import annotations
 
@@ -237,7 +237,7 @@ def test_known_robots(name):
 
 
 def test_roles_turn_as_they_are_called(folder):
-    """A role's sign makes it turn left, forward or up, whatever the axis in the file."""
+    """A role's sign makes it turn left, forward or up, whatever the axis in it."""
     text = urdf()
     flipped = text.replace(
         '<child link="link_left_elbow_y"/>', '<child link="link_left_elbow_y"/><!-- -->'

@@ -396,7 +396,7 @@ def test_a_scene_is_stripped_to_its_robot(tmp_path):
     assert (model.nu, model.nsensor) == (2, 2)
     assert model.key_qpos.tolist() == [[1, 2, 3, 1, 0, 0, 0, 4, 5]]
     assert file.speed == {"l_hip": 7.0}
-    assert file.torque == {"l_hip": 30.0, "r_hip": 8.0}
+    assert file.torque == {"l_hip": 30.0, "r_hip": 5.0}
     assert model.geom_contype.tolist() == [1, 0, 1]
     assert len(file.notes) == 2
 

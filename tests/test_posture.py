@@ -130,7 +130,7 @@ def test_a_stance_may_be_given(tmp_path):
     assert ends[:2, 1].tolist() == pytest.approx([0.12, -0.12], abs=1e-5)
     robot = load_robot(file, profile={"stance": {"com_height": 0.8}})
     assert Kinematics(robot).posture(robot.home).com[2] == pytest.approx(0.8, abs=1e-4)
-    with pytest.raises(ModelError, match="nearest is .* change com_height"):
+    with pytest.raises(ModelError, match=r"nearest is .* change com_height"):
         load_robot(file, profile={"stance": {"com_height": 2.0}})
 
 
@@ -151,7 +151,9 @@ def test_legs_that_cannot_stand_are_refused(tmp_path):
     """Ankles that point the toes: one line, and what to do."""
     limits = {"hip_y": (0.2, 0.3), "knee_y": (0.0, 0.1), "ankle_y": (0.2, 0.3)}
     file = write(tmp_path, limits=limits)
-    with pytest.raises(ModelError, match="no posture was found .* --profile") as caught:
+    with pytest.raises(
+        ModelError, match=r"no posture was found .* --profile"
+    ) as caught:
         load_robot(file)
     assert "toy.urdf" in str(caught.value)
 

@@ -62,7 +62,7 @@ def mark(file: ModelFile, profile: Profile | None = None) -> Anatomy:
     zero = zero_posture(model, name, file.mimics)
     own = given_gains(spec)
     notes = [replaced_actuators(spec)]
-    _lock(spec, zero, anatomy.locked)
+    _lock(spec, zero, anatomy.locked, profile.home)
     _drop_what_drives(spec)
     _mute(spec)
     _add_frames(spec, zero, anatomy)
@@ -73,7 +73,7 @@ def mark(file: ModelFile, profile: Profile | None = None) -> Anatomy:
         q = find_posture(
             model,
             _limbs_of(model, anatomy),
-            profile.home,
+            {j: q for j, q in profile.home.items() if j not in anatomy.locked},
             torque_limits(model, file.torque),
             profile.stance,
         )
@@ -141,13 +141,18 @@ def _name_geoms(spec: mujoco.MjSpec) -> None:
             geom.name = name
 
 
-def _lock(spec: mujoco.MjSpec, zero: Skeleton, joints: Iterable[str]) -> None:
-    """Fix joints where they are in the zero posture; the masses stay."""
+def _lock(
+    spec: mujoco.MjSpec,
+    zero: Skeleton,
+    joints: Iterable[str],
+    home: Mapping[str, float],
+) -> None:
+    """Fix joints where a profile has them, else as in the zero posture."""
     model, locked = zero.model, set(joints)
     for joint in [j for j in spec.joints if j.name in locked]:
-        k = model.joint(joint.name).id
-        place = int(model.jnt_qposadr[k])
-        moved = float(zero.data.qpos[place] - model.qpos0[place])
+        place = int(model.jnt_qposadr[model.joint(joint.name).id])
+        angle = home.get(joint.name, float(zero.data.qpos[place]))
+        moved = angle - float(model.qpos0[place])
         if abs(moved) > 1e-9:
             _move_body(joint, moved)
         spec.delete(joint)

@@ -418,7 +418,7 @@ def _moving(spec: mujoco.MjSpec) -> list[mujoco.MjsJoint]:
 
 
 def _torque_limits(outline: mujoco.MjModel, spec: mujoco.MjSpec) -> dict[str, float]:
-    """Return torque limits: of the joint itself, else of what drives it."""
+    """Return torque limits: of the joint itself, or of what drives it if lower."""
     names = {joint.name for joint in _moving(spec)}
     limits: dict[str, float] = {}
     for a in range(outline.nu):
@@ -429,7 +429,8 @@ def _torque_limits(outline: mujoco.MjModel, spec: mujoco.MjSpec) -> dict[str, fl
             limits[outline.joint(joint).name] = torque
     for i in range(outline.njnt):
         if outline.jnt_actfrclimited[i]:
-            limits[outline.joint(i).name] = float(outline.jnt_actfrcrange[i, 1])
+            name, own = outline.joint(i).name, float(outline.jnt_actfrcrange[i, 1])
+            limits[name] = min(own, limits.get(name, own))
     return {name: x for name, x in limits.items() if name in names and x > 0.0}
 
 

@@ -80,7 +80,7 @@ class Profile:
     stance: Stance = field(default_factory=Stance)
     """How the robot stands, where `home` leaves the legs' angles open."""
     home: Mapping[str, float] = field(default_factory=dict)
-    """Angles of the walking posture [rad], by joint."""
+    """Angles of the walking posture [rad], by joint; locked joints stay there."""
     servo: Mapping[str, ServoGains] = field(default_factory=dict)
     """Gains by joint."""
     limits: Mapping[str, Limits] = field(default_factory=dict)

@@ -106,7 +106,7 @@ def find_anatomy(
         side: make_sole(zero, legs[k], faces[k], forward, given.soles.get(side))
         for side, k in sides.items()
     }
-    parts = _find_upper_body(zero, {j for leg in legs for j in leg}, forward, given)
+    parts = _find_upper_body(zero, legs, forward, given)
     parts |= {f"{side} leg": legs[k] for side, k in sides.items()}
     locked = {model.joint(j).id for j in given.locked}
     coupled = _coupled(zero, parts, mimics, locked)
@@ -392,7 +392,7 @@ def _sides(
 
 
 def _find_upper_body(
-    zero: Skeleton, legs: Collection[int], forward: float, given: Profile
+    zero: Skeleton, legs: Sequence[Joints], forward: float, given: Profile
 ) -> dict[str, Joints]:
     """Return the joints of "left arm", "right arm", "torso" and "head"."""
     chains = _tip_chains(zero, legs)
@@ -424,11 +424,18 @@ def _with_given(
     return rest | known
 
 
-def _tip_chains(zero: Skeleton, legs: Collection[int]) -> dict[int, Joints]:
-    """Return the chains that end in tips, by body; those of the legs left out."""
+def _tip_chains(zero: Skeleton, legs: Sequence[Joints]) -> dict[int, Joints]:
+    """Return the chains that end in tips, by body; limbs that stand left out."""
     m = zero.model
+    own = {j for leg in legs for j in leg}
+    paths = {j for leg in legs for j in zero.chain(zero.body_of(leg[-1]))}
     chains = {b: zero.chain(b) for b in range(1, m.nbody) if m.body_jntnum[b]}
-    upper = {b: c for b, c in chains.items() if c and not set(legs) & set(c)}
+    low = {j for body in _low_ends(zero) for j in chains[body]}
+    upper = {
+        body: tuple(j for j in chain if j not in paths)
+        for body, chain in chains.items()
+        if chain and not own & {*chain} and chain[-1] not in low | paths
+    }
     inner = {j for chain in upper.values() for j in chain[:-1]}
     return {b: chain for b, chain in upper.items() if chain[-1] not in inner}
 

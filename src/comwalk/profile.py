@@ -382,7 +382,7 @@ _COMMENTS = {
 
 def _bare(name: str) -> str:
     """Return a key, quoted if it must be."""
-    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else json.dumps(name)
+    return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else _toml(name)
 
 
 def _toml(value: Any) -> str:
@@ -395,6 +395,6 @@ def _toml(value: Any) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(_toml(part) for part in value) + "]"
     if isinstance(value, str):
-        return json.dumps(value)
+        return json.dumps(value, ensure_ascii=False)
     text = f"{float(value):.7g}"
     return text if set(text) & set(".einf") else f"{text}.0"

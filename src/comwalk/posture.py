@@ -130,6 +130,7 @@ class _Seeker:
         self._update()
         look = Skeleton(model, self.data, "")
         self.length = min(look.leg_length(limbs.legs[s]) for s in Side)
+        self.spans = [[look.hip(leg), leg[-1]] for leg in limbs.legs.values()]
         self.half_width = self._spacing() if half_width is None else half_width
         joints = [j for s in Side for j in limbs.legs[s] if j not in self.fixed]
         self.free = np.concatenate([np.arange(6), model.jnt_dofadr[joints]]).astype(int)
@@ -209,11 +210,14 @@ class _Seeker:
         If it never is, the posture with the largest surplus is returned.
         """
         self._pre_bend()
+        start = self.q.copy()
         before, best = math.nan, (-math.inf, math.nan, self.q)
         for height in (np.linspace(*_HEIGHTS) * self.length).tolist():
             q = self._stand(height)
             if q is None:
+                self.q[:] = start
                 continue
+            start = q
             if surplus() > best[0]:
                 best = surplus(), height, q
             if best[0] >= 0.0:
@@ -222,7 +226,8 @@ class _Seeker:
         if best[0] == -math.inf:
             raise ModelError(
                 "no posture was found in which both soles are level on the ground; "
-                "give angles of the legs' joints by --profile, under [home]"
+                "give angles of the legs' joints by --profile, under [home], or wider "
+                "ranges under [limits]"
             )
         if best[0] > 0.0 and math.isfinite(before):
             return self._refined(before, best[1], best[2], surplus)
@@ -323,10 +328,7 @@ class _Seeker:
         """Return the posture with the hips at a height [m] over the ankles, or None."""
         for _ in range(60):
             self._update()
-            J, e = self._rows(hip)
-            J = J[:, self.free]
-            step = np.linalg.solve(J.T @ J + 1e-6 * np.eye(J.shape[1]), J.T @ e)
-            step *= min(1.0, 0.3 / max(np.abs(step[6:]).max(initial=0.0), 1e-12))
+            step = self._step(*self._rows(hip))
             self._move(self.free, step)
             if np.abs(step).max() < 1e-9:
                 break
@@ -335,6 +337,28 @@ class _Seeker:
         strong = len(self.free) == 6 + 12
         missed = np.abs(e if strong else e[_WEAK_ROWS]).max()
         return self.q.copy() if missed < _CLOSE else None
+
+    def _step(self, J: np.ndarray, e: np.ndarray) -> np.ndarray:
+        """Return the next step of the free coordinates towards e = 0.
+
+        Joints that would leave their ranges are held, and the others step anew.
+        """
+        step, moving = np.zeros(len(self.free)), np.ones(len(self.free), dtype=bool)
+        angles, low, high = (
+            np.concatenate([np.zeros(6), x[self.free[6:] - 6]])
+            for x in (self.q[7:], self.low, self.high)
+        )
+        low[:6], high[:6] = -math.inf, math.inf
+        for _ in range(3):
+            A = J[:, self.free[moving]]
+            found = np.linalg.solve(A.T @ A + 1e-6 * np.eye(A.shape[1]), A.T @ e)
+            step[:] = 0.0
+            step[moving] = found
+            stuck = (angles <= low) & (step < 0.0) | (angles >= high) & (step > 0.0)
+            if not stuck.any():
+                break
+            moving &= ~stuck
+        return step * min(1.0, 0.3 / max(np.abs(step[6:]).max(initial=0.0), 1e-12))
 
     def _move(self, columns: np.ndarray, step: np.ndarray) -> None:
         """Move some coordinates by a step, joints within their ranges."""
@@ -366,8 +390,8 @@ class _Seeker:
         J[12:14], e[12:14] = J_com[:2], -d.subtree_com[root][:2]
         R = d.xmat[root].reshape(3, 3)
         J[14:17, 3:6], e[14:17] = R, level_error(0.0, R)
-        ends = [d.xanchor[[legs[0], legs[-1]], 2] for legs in self.limbs.legs.values()]
-        J[17, 2], e[17] = 1.0, hip - float(np.mean([top - low for top, low in ends]))
+        heights = [top - low for top, low in (d.xanchor[s, 2] for s in self.spans)]
+        J[17, 2], e[17] = 1.0, hip - float(np.mean(heights))
         for rows in (slice(0, 3), slice(6, 9), slice(12, 14), slice(17, 18)):
             J[rows] /= self.length
             e[rows] /= self.length

@@ -79,11 +79,18 @@ class Skeleton:
         """Return the place in a limb, which ends there, of its knee or elbow."""
         return middle_joint(self.anchors(joints), self.axes(joints), end)
 
+    def hip(self, leg: Sequence[int]) -> int:
+        """Return the joint of a leg that swings it: that before the knee, like it."""
+        knee = self.middle(leg, self.anchors(leg)[-1])
+        axis = self.axes(leg)[knee]
+        alike = [j for j in leg[:knee] if abs(self.axes([j])[0] @ axis) > 0.7]
+        return alike[-1] if alike else leg[0]
+
     def leg_length(self, leg: Sequence[int]) -> float:
         """Return the length of a stretched leg, hip to knee to ankle [m]."""
         anchors = self.anchors(leg)
         knee = anchors[self.middle(leg, anchors[-1])]
-        thigh, shank = knee - anchors[0], anchors[-1] - knee
+        thigh, shank = knee - self.anchors([self.hip(leg)])[0], anchors[-1] - knee
         return float(np.linalg.norm(thigh) + np.linalg.norm(shank))
 
 

@@ -27,6 +27,7 @@ CROSSWISE = 1.3
 """How much wider than long a foot must be to lie across [-]."""
 
 _LEAST_AREA = 0.003  # smallest flat that a robot can stand on, in leg lengths squared
+_LONGEST = 0.7  # length of the longest foot, in leg lengths
 _DEPTH = 0.012  # how far above the lowest face a point touches, in leg lengths
 _LOWEST = 0.03  # how far above all that collides a sole may be, in leg lengths
 _STEEPEST = 0.85  # least share of a face's normal that looks down
@@ -109,8 +110,9 @@ def find_face(zero: Skeleton, leg: Sequence[int], meshes: Sequence[LinkMesh]) ->
     if any(len(points) for _, points in tries):
         raise ModelError(
             f"{zero.name}: {zero.model.body(body).name} reaches the ground with no "
-            f"flat of {1e4 * _LEAST_AREA * length**2:.0f} cm^2, so it is no foot; "
-            "comwalk walks on flat soles (a file of --profile can name other legs)"
+            f"flat of {1e4 * _LEAST_AREA * length**2:.0f} cm^2 at most "
+            f"{_LONGEST * length:.2g} m long, so it is no foot; comwalk walks on flat "
+            "soles (a file of --profile can name other legs)"
         )
     return Face(_fitted_face(zero, leg, length), FITTED, 0.0)
 
@@ -147,7 +149,8 @@ def _lowest_face(points: np.ndarray, length: float) -> np.ndarray | None:
     for *normal, offset in planes[planes[:, 2] < -_STEEPEST]:
         face = corners[-(corners @ normal + offset) < _DEPTH * length]
         size = _area(_flattened(face, np.array(normal)))
-        if size > 1.02 * area:
+        long = np.ptp(face[:, :2], axis=0).max() > _LONGEST * length
+        if size > 1.02 * area and not long:
             best, area = face, size
     return best
 

@@ -9,7 +9,12 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 
-from comwalk.polygon import convex_hull, polygon_margin, rectangle
+from comwalk.polygon import (
+    convex_hull,
+    polygon_margin,
+    rectangle,
+    rectangle_in,
+)
 
 COORDINATES = st.floats(-1.0, 1.0).map(lambda x: round(x, 3))
 POINTS = st.tuples(COORDINATES, COORDINATES)
@@ -79,3 +84,23 @@ def test_margin_of_one_or_two_vertices_is_never_positive():
     line = np.array([(0.0, 0.0), (2.0, 0.0)])
     assert polygon_margin(line, (1.0, 0.5)) == -0.5
     assert polygon_margin(line, (1.0, 0.0)) == 0.0
+
+
+@pytest.mark.parametrize("weight", [1.0 / 3.0, 1.0, 3.0])
+@pytest.mark.parametrize("seed", range(5))
+def test_no_rectangle_of_many_is_larger_than_the_largest(seed, weight):
+    """It lies inside, and none of 200,000 random ones that do is larger."""
+    rng = np.random.default_rng(seed)
+    hull = convex_hull(rng.normal(size=(9, 2)) * [0.1, 0.05])
+    (x, y), (length, width) = rectangle_in(hull, weight)
+    for corner in rectangle(x, y, 0.0, (length, width)):
+        assert polygon_margin(hull, corner) > -1e-7
+    low, high = hull.min(axis=0), hull.max(axis=0)
+    centres = rng.uniform(low, high, size=(200_000, 2))
+    halves = rng.uniform(0.0, 0.5 * (high - low), size=(200_000, 2))
+    inside = np.ones(len(centres), dtype=bool)
+    for *normal, offset in ConvexHull(hull).equations:
+        inside &= centres @ normal + halves @ np.abs(normal) + offset <= 0.0
+    sizes = 2.0 * halves[inside]
+    assert inside.any()
+    assert (sizes[:, 0] ** weight * sizes[:, 1]).max() <= length**weight * width

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
+import re
 import tomllib
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -148,6 +151,21 @@ def test_what_the_robot_has_not_is_refused(tmp_path, table, message):
     with pytest.raises(ParameterError, match=message) as caught:
         load_robot(write(tmp_path), profile=table)
     assert "\n" not in str(caught.value)
+
+
+def test_the_profile_in_the_docs_is_one():
+    """It names every key but the legs, and JVRC-1 stands with it."""
+    text = (Path(__file__).parent.parent / "docs" / "files.md").read_text("utf-8")
+    block = re.search(r"<!-- profile -->\n```toml\n(.*?)```", text, re.DOTALL)
+    assert block is not None
+    table = tomllib.loads(block[1])
+    keys = {field.name for field in dataclasses.fields(Profile)}
+    assert set(table) == keys - {"legs"}
+    robot = load_robot("jvrc1", profile=table)
+    assert robot.anatomy.soles[LEFT].size == (0.2, 0.09)
+    assert "L_WRIST_Y" in robot.anatomy.locked
+    com = Kinematics(robot).posture(robot.home).com
+    assert com[2] == pytest.approx(0.83, abs=1e-3)
 
 
 # ---- Writing ----------------------------------------------------------------------

@@ -125,6 +125,7 @@ def rectangle_in(
         >>> [round(v, 6) for v in (x, y, *size)]
         [2.0, 1.0, 4.0, 2.0]
     """
+    polygon = np.asarray(polygon, dtype=float)
     edges = np.roll(polygon, -1, axis=0) - polygon
     normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)

@@ -244,6 +244,7 @@ def check_same(robot, other):
             "leg": (*LEG[:4], "knee2_y", *LEG[4:]),
             "mimic": {"knee2_y": ("knee_y", 1, 0)},
         },
+        {"mimic": {"ankle_x": ("hip_x", -1, 0)}},
         {"chest_first": True, "tail": True},
         {"foot": "none", "scale": 0.3},
     ],

@@ -45,8 +45,8 @@ def profile_of(robot: Robot) -> Profile:
         torso=anatomy.torso,
         head=anatomy.head,
         locked=anatomy.locked,
-        legs=anatomy.legs,
-        arms=anatomy.arms,
+        legs={s: _with_followers(robot, leg) for s, leg in anatomy.legs.items()},
+        arms={s: _with_followers(robot, arm) for s, arm in anatomy.arms.items()},
         soles={
             side: {name: round(x, 6) for name, x in sole_numbers(sole).items()}
             for side, sole in anatomy.soles.items()
@@ -57,6 +57,12 @@ def profile_of(robot: Robot) -> Profile:
         ),
         **joints,
     )
+
+
+def _with_followers(robot: Robot, joints: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the joints of a limb, those that follow among them, base first."""
+    more = [m.joint for m in robot.anatomy.coupled if m.primary in joints]
+    return tuple(sorted({*joints, *more}, key=robot.joints.index))
 
 
 def _limits(robot: Robot) -> dict[str, Limits]:

@@ -62,9 +62,18 @@ BASES = {
         r'diaginertia="0.02 0.03 0.04"/>',
         t,
     ),
-    "in a frame": lambda t: t.replace(
-        '<body name="pelvis"', '<geom size="0.1" euler="1 0 0" pos="0 0.1 0" '
-        'contype="0" conaffinity="0" mass="0"/><body name="pelvis"'
+    "in frames": lambda t: t.replace(
+        '<body name="pelvis"', '<frame pos="0 0.1 0" euler="30 10 50"><frame pos="0 0 '
+        '0.1"><body name="extra" pos="0.1 0 0"><inertial pos="0 0 0" mass="3" '
+        'diaginertia="0.1 0.2 0.25"/></body><body name="more" pos="0.1 0 0.2"><inertial'
+        ' pos="0 0 0" mass="3" diaginertia="0.1 0.2 0.25"/></body></frame></frame>'
+        '<body name="pelvis"'
+    ),
+    "by geoms": lambda t: re.sub(
+        r'(<body name="base">\s*)<inertial[^>]*/>',
+        r'\1<geom type="capsule" fromto="0 0 0 0.1 0.2 0.1" size="0.05" mass="1" '
+        r'contype="0" conaffinity="0"/>',
+        t,
     ),
 }  # fmt: skip
 
@@ -133,11 +142,14 @@ def test_a_standing_robot_weighs_what_it_weighs(tmp_path, foot):
     assert load.sum() == pytest.approx(robot.mass * 9.81, rel=0.02)
 
 
-def test_locked_joints_stay_where_they_are(tmp_path):
+@pytest.mark.parametrize("euler", ["", ' euler="0.4 0.5 0.6"'])
+def test_locked_joints_stay_where_they_are(tmp_path, euler):
     """Fingers that cannot be at zero are locked as near to it as they can."""
-    limits = {"f": (0.5, 1.0)}
-    robot = load_robot(write(tmp_path, fingers=2, limits=limits))
-    whole = read_model(write(tmp_path, fingers=2, limits=limits)).spec.compile()
+    finger = '<body name="left_finger0_1"'
+    options = {"fingers": 2, "limits": {"f": (0.5, 1.0)}}
+    file = mjcf(tmp_path, lambda t: t.replace(finger, finger + euler), **options)
+    assert finger in file.read_text()
+    robot, whole = load_robot(file), read_model(file).spec.compile()
     data, own = mujoco.MjData(whole), mujoco.MjData(robot.model)
     for k in range(1, whole.njnt):
         joint = whole.joint(k)

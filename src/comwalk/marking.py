@@ -36,6 +36,7 @@ from .spatial import rotation_yaw
 _SOLE_HEIGHT = 0.013  # half height of a contact box, in leg lengths
 _GRIP = {"friction": [1.0, 0.02, 0.001], "solref": [0.005, 1.0]}
 """How soles touch the ground: sliding, spinning, rolling; time [s] and damping."""
+_FORWARD = "comwalk_forward"  # frame that turns what is in the base
 _SITES = {
     *(f"{s}_{n}" for s in "lr" for n in ("sole", "ankle_ft", "gripper", "wrist")),
     *("l_sole_centre", "r_sole_centre", "imu", "torso", "gaze"),
@@ -154,8 +155,17 @@ def _lock(
         angle = home.get(joint.name, float(zero.data.qpos[place]))
         moved = angle - float(model.qpos0[place])
         if abs(moved) > 1e-9:
+            _resolve(joint.parent, model)
             _move_body(joint, moved)
         spec.delete(joint)
+
+
+def _resolve(body: mujoco.MjsBody, model: mujoco.MjModel) -> None:
+    """Write the orientation of a body as a quaternion, however the file gives it."""
+    quaternion = mujoco.mjtOrientation.mjORIENTATION_QUAT
+    if body.frame is None and body.alt.type != quaternion:
+        body.quat = model.body(body.name).quat.copy()
+        body.alt.type = quaternion
 
 
 def _move_body(joint: mujoco.MjsJoint, value: float) -> None:
@@ -222,14 +232,14 @@ def _turn_base(spec: mujoco.MjSpec, zero: Skeleton, forward: float) -> None:
     if np.allclose(R, np.eye(3), atol=1e-9):
         return
     _turn_inertia(base, zero.model.body(1), R)
-    frame = base.add_frame(quat=quaternion_of(R).tolist())
+    frame = base.add_frame(name=_FORWARD, quat=quaternion_of(R).tolist())
     for part in (*base.bodies, *base.geoms, *base.sites, *base.cameras, *base.lights):
         _put_in(part, frame)
 
 
 def _put_in(part: Any, frame: mujoco.MjsFrame) -> None:
     """Put an element, or the outermost of the frames it is in, into a frame."""
-    while part.frame is not None and part.frame.name != frame.name:
+    while part.frame is not None and part.frame.name != _FORWARD:
         part = part.frame
     if part.frame is None:
         part.set_frame(frame)

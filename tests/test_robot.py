@@ -188,9 +188,7 @@ def test_bad_models_give_one_clear_line(tmp_path, text, message):
     assert "toy.xml" in line
 
 
-@pytest.mark.parametrize(
-    ("angle", "message"), [("nan", "finite"), ("1.5", "keyframe")]
-)
+@pytest.mark.parametrize(("angle", "message"), [("nan", "finite"), ("1.5", "keyframe")])
 def test_a_home_that_is_no_posture_is_refused(tmp_path, monkeypatch, angle, message):
     """The walking posture must be finite and within the joint limits (-1 to 1)."""
     monkeypatch.chdir(tmp_path)  # where MuJoCo leaves its log of warnings

@@ -11,12 +11,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
 from .control import PAPER_GAINS, ControlSettings, Gains
-from .errors import ParameterError, checked_number
+from .errors import ComwalkError, ParameterError, checked_number
+from .feasibility import feasibility
 from .footsteps import PAPER_GAIT, Gait, Side, plan_steps
 from .pattern import Pattern, make_pattern
 from .pendulum import PAPER_PENDULUM, Pendulum
@@ -269,10 +271,42 @@ def _com_height(posture: Posture) -> float:
     return float(posture.com[2] - posture.ends[:2, 2].mean())
 
 
+@lru_cache(maxsize=32)
 def _natural_gait(robot: Robot | None) -> Gait:
-    """Return the gait at the natural speed."""
+    """Return the gait at the natural speed: the paper's, to scale and in reach."""
     if robot is None:
         return PAPER_GAIT
+    gait = _similar_gait(robot)
+    for share in _SHARES:
+        lower = max(share, _LEAST_SWING)
+        shorter = replace(
+            gait,
+            half_step=_digits(share * gait.half_step),
+            swing_height=_digits(lower * gait.swing_height),
+        )
+        if _fits(robot, shorter):
+            return shorter
+    return gait
+
+
+_SHARES = (1.0, 0.85, 0.7, 0.6, 0.5, 0.4)  # of the similar step that are tried
+_LEAST_SWING = 0.5  # share of the similar clearance that is kept at least
+_USE = 0.98  # share of a limit that the natural gait may use
+
+
+def _fits(robot: Robot, gait: Gait) -> bool:
+    """Return whether a few steps keep within the limits of joints and legs."""
+    try:
+        plan = plan_steps(gait, 4, sole_size=sole_size(robot))
+        pattern = make_pattern(plan, default_pendulum(robot))
+        demands = feasibility(robot, pattern).demands
+    except ComwalkError:
+        return False
+    return all(d.share <= _USE for d in demands if d.what != "self-collision")
+
+
+def _similar_gait(robot: Robot) -> Gait:
+    """Return the paper's gait scaled to a robot."""
     posture = _home_posture(robot)
     r = round(_com_height(posture), 3) / PAPER_PENDULUM.height
     left, right = posture.ends[:2, :2]

@@ -78,6 +78,7 @@ class Footing:
         """
         self._settings, self._period = settings, period
         self._offsets = {side: (0.0, 0.0, 0.0) for side in Side}
+        self._recovers = False
         self._up = np.zeros((2, 2))  # measured: what is up, in each sole's frame
         self.heights = {side: 0.0 for side in Side}
         """How far each foot is commanded above its plan [m]."""
@@ -115,7 +116,8 @@ class Footing:
             1.0 - 2.0 * (x * x + y * y),
         )  # the world's vertical, in the IMU's frame
         seen = (imu @ up) @ soles  # (2, 3), in each sole's frame
-        self._up += self._share * (seen[:, :2] - self._up)
+        share = self._share * (_CAUTION if self._recovers else 1.0)
+        self._up += share * (seen[:, :2] - self._up)
 
     def level(self, soles: np.ndarray, side: Side) -> np.ndarray:
         """Return the level frame over a sole.
@@ -152,7 +154,11 @@ class Footing:
         self._offsets[new] = (x - x_d, y - y_d, dyaw)
 
     def follow(
-        self, reference: Reference, left_share: float, edges: np.ndarray
+        self,
+        reference: Reference,
+        left_share: float,
+        edges: np.ndarray,
+        com_error: np.ndarray,
     ) -> None:
         """Move the commanded feet towards what was felt.
 
@@ -161,7 +167,9 @@ class Footing:
             left_share: Share of the weight that the left foot bears [-].
             edges: Where each foot's centre of pressure is, x and y as shares of the
                 sole's half length and half width, (2, 2); zero for a foot in the air.
+            com_error: CoM ahead of its reference [m], world, (2,).
         """
+        self._recovers = math.hypot(*com_error.tolist()) > _RECOVERING
         single = reference.phase in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT)
         swing = reference.support.other
         surplus = left_share - reference.left_load
@@ -193,7 +201,9 @@ class Footing:
     def _lie(self, side: Side, swings: bool, edges: np.ndarray) -> None:
         """Let a sole lie as the IMU says it does, and a swinging one be level.
 
-        A sole that stands on an edge is turned the other way until it lies flat.
+        A sole that stands on an edge is turned the other way until it lies flat. While
+        the robot recovers from a push, soles stay as they are: an ankle that yields
+        cannot hold the body.
         """
         if not self._settings.imu:
             return
@@ -201,12 +211,16 @@ class Footing:
         if swings:
             self.leans[k] -= dt / _RETURN * self.leans[k]
             return
+        if self._recovers:
+            return
         self.leans[k] += dt / _LEAN * (self._up[k] - self.leans[k])
         edge = np.clip(edges[k], -1.0, 1.0)
         past = np.sign(edge) * np.maximum(np.abs(edge) - _EDGE, 0.0) / (1.0 - _EDGE)
         self.leans[k] += dt * self._settings.rolling * past
 
 
+_RECOVERING = 0.015  # CoM error above which the soles are kept as they are [m]
+_CAUTION = 0.1  # how much slower the IMU is believed while the robot recovers [-]
 _EDGE = 0.7  # share of the sole's half size beyond which it stands on its edge
 _TOLERANCE = 0.25  # share of the weight by which a landing may differ from its plan
 _REACH = 0.05  # farthest that a foot leaves its plan up or down [m]

@@ -306,7 +306,9 @@ class WholeBody:
         trunk = K * level_error(reference.heading, posture.rotation)
         trunk[2] += reference.heading_rate
         swing = reference.support.other
-        self.footing.follow(reference, self._left_share, self._edges)
+        self.footing.follow(
+            reference, self._left_share, self._edges, -control.com_error
+        )
         motions: dict[str, CartesianMotion | JointMotion] = dict(
             self._joint_motions(reference.time, K)
         )

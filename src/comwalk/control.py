@@ -438,6 +438,7 @@ class WalkingController:
         reference: ControlReference,
         com: np.ndarray | Sequence[float],
         zmp: np.ndarray | Sequence[float],
+        trust: float = 1.0,
     ) -> ControlOutput:
         """Return the command of one tick.
 
@@ -445,6 +446,7 @@ class WalkingController:
             reference: The reference at this tick.
             com: Measured CoM [m], world, (2,) or (3,).
             zmp: Measured ZMP [m], world, (2,); the last one known if there is none.
+            trust: Factor on the feedback [-], in [0, 1].
 
         Returns:
             The bounded CoM velocity u, the CoM command, the errors.
@@ -459,10 +461,9 @@ class WalkingController:
         e_c = c_d[0] - c[0], c_d[1] - c[1]
         e_p = p_d[0] - p[0], p_d[1] - p[1]
         gains = self.gains.blend(reference.walking)
-        w_x, w_y, fast = _limited(
-            *heading_correction(reference.heading, e_p, e_c, *gains),
-            self.settings.max_correction,
-        )
+        w_x, w_y = heading_correction(reference.heading, e_p, e_c, *gains)
+        limit = self.settings.max_correction
+        w_x, w_y, fast = _limited(trust * w_x, trust * w_y, limit)
         o_x, o_y = self._offset
         w_x, w_y, far = self._integrate(w_x, w_y)
         cdot_d, c_d = reference.com_velocity, self._past[-1][0]

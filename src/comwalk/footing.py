@@ -66,6 +66,27 @@ def tilt_matrix(up: Sequence[float]) -> np.ndarray:
     )
 
 
+def planned_share(reference: Reference) -> float:
+    """Return the share of the weight that the plan puts on the left foot.
+
+    On two feet it is where the reference ZMP lies between the soles.
+
+    Args:
+        reference: The reference.
+
+    Returns:
+        Share [-], in [0, 1].
+    """
+    if reference.phase in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT):
+        return 1.0 if reference.phase is Phase.SINGLE_LEFT else 0.0
+    x_l, y_l, _ = reference.left.position.tolist()
+    x_r, y_r, _ = reference.right.position.tolist()
+    p_x, p_y = reference.zmp.tolist()
+    d_x, d_y = x_l - x_r, y_l - y_r
+    share = ((p_x - x_r) * d_x + (p_y - y_r) * d_y) / (d_x * d_x + d_y * d_y)
+    return min(max(share, 0.0), 1.0)
+
+
 class Footing:
     """How the feet differ from the plan. Final."""
 
@@ -171,8 +192,8 @@ class Footing:
         """
         self._recovers = math.hypot(*com_error.tolist()) > _RECOVERING
         single = reference.phase in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT)
-        swing = reference.support.other
-        surplus = left_share - reference.left_load
+        swing, planned = reference.support.other, planned_share(reference)
+        surplus = left_share - planned
         surplus -= min(max(surplus, -_TOLERANCE), _TOLERANCE)
         for side in Side:
             swings = single and side is swing

@@ -104,6 +104,9 @@ class BodySettings:
     landing: float = 0.2
     """How fast a landing foot yields or reaches down, per share of the weight that it
     bears too much or too little [m/s], in [0, 2]; 0 to land as planned."""
+    calibration: bool = True
+    """Whether the standing robot is weighed: a load that the model does not know of
+    shifts the CoM from where the encoders see it."""
     rolling: float = 0.5
     """How fast a sole that stands on its edge is turned to lie flat [rad/s], in
     [0, 5]; 0 to leave it."""
@@ -122,7 +125,7 @@ class BodySettings:
         checked_number(name, cutoff, unit="Hz", low=0.1, high=100)
         checked_number("body.landing", self.landing, unit="m/s", low=0, high=2)
         checked_number("body.rolling", self.rolling, unit="rad/s", low=0, high=5)
-        for name in ("deflection_compensation", "imu", "embed_motion"):
+        for name in ("deflection_compensation", "imu", "calibration", "embed_motion"):
             if not isinstance(getattr(self, name), bool):
                 raise ParameterError(f"body.{name} must be true or false")
 

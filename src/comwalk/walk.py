@@ -140,7 +140,9 @@ def walk(
             measured = body.measure(sensors, reference)
             if (outcome := guard.check(reference, measured)) is not None:
                 break
-            control = controller.step(reference, measured.com, measured.zmp)
+            control = controller.step(
+                reference, measured.com, measured.zmp, measured.trust
+            )
             command = body.act(control, reference)
             seconds = time.perf_counter() - begin
             plant.write(command)

@@ -7,16 +7,17 @@ swing foot and the embedded motion as given limb motions.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from .control import ControlOutput
 from .errors import PlanError
-from .footing import FOOT_INDEX, Footing, Place, tilt_matrix
+from .footing import FOOT_INDEX, Footing, Place, planned_share, tilt_matrix
 from .footsteps import Side
 from .motion import EmbeddedMotion
-from .pattern import Reference
+from .pattern import Phase, Reference
 from .plant import Command, Sensors
 from .resolution import CartesianMotion, JointMotion, Posture, Resolution, Task
 from .resolver import RateLimits, Resolver
@@ -24,6 +25,7 @@ from .robot import LEGS, Foot, Kinematics, Robot
 from .sensing import Contact, Measurement, tilt_of, zmp_from_wrenches
 from .settings import BodySettings
 from .spatial import level_error, rotate_twist, yaw_of
+from .swing import minimum_jerk
 
 
 class Body(Protocol):
@@ -108,6 +110,7 @@ class WholeBody:
         self._support = Side.LEFT
         self.footing = Footing(self.settings, period)
         self._left_share = 0.5
+        self._bias = _Bias(period)
         self._edges = np.zeros((2, 2))
         self._free = [
             (limb.name, np.array(limb.joints, dtype=np.intp))
@@ -220,7 +223,25 @@ class WholeBody:
         zmp = zmp_from_wrenches(contacts, least_load=0.05 * self._weight)
         self._zmp = self._zmp if zmp is None else zmp
         com = np.array(place.of(seen[4]))
-        return Measurement(com, self._zmp, load, tilt_of(sensors.orientation))
+        trust = 1.0
+        if self.settings.calibration:
+            trust = self._calibrate(reference, load, self._zmp - com[:2])
+            com[:2] += self._bias.of(reference.heading)
+        tilt = tilt_of(sensors.orientation)
+        return Measurement(com, self._zmp, load, tilt, trust)
+
+    def _calibrate(
+        self, reference: Reference, load: float, error: np.ndarray
+    ) -> float:
+        """Weigh the robot while it stands; return how far to trust what it feels.
+
+        At rest the CoM is over the ZMP. The law must not act meanwhile: fed with a CoM
+        that follows the ZMP, it would chase it.
+        """
+        if reference.phase is not Phase.STAND or reference.step:
+            return 1.0
+        self._bias.learn(reference.heading, load / self._weight, error)
+        return minimum_jerk((reference.time - _WEIGHING) / _RISE)[0]
 
     def _feel_edges(self, wrenches: np.ndarray) -> None:
         """Find where on the soles the ground presses, as shares of their half size."""
@@ -393,6 +414,7 @@ class WholeBody:
         q, rates = self.configuration[7:].copy(), resolution.rates
         if self.settings.deflection_compensation:
             torques = self._planned_torques(resolution, reference)
+            torques *= self._bias.heaviness
             q += (torques + self.robot.servo.damping * rates) / self._stiffness
         if self._motion is not None and not self.settings.embed_motion:
             q[self._dancing], _ = self._motion.at(reference.time)
@@ -402,7 +424,7 @@ class WholeBody:
         self, resolution: Resolution, reference: Reference
     ) -> np.ndarray:
         """Return the joint torques of the plan [N m], of shape (joints,)."""
-        posture, load = resolution.posture, reference.left_load
+        posture, load = resolution.posture, planned_share(reference)
         a_x, a_y, a_z = reference.com_acceleration.tolist()
         m, g = self.robot.mass, self._gravity
         f_x, f_y, f_z = m * a_x, m * a_y, m * (a_z + g)
@@ -414,6 +436,38 @@ class WholeBody:
         shares = [load * w for w in wrench] + [(1.0 - load) * w for w in wrench]
         carried = self._commanded.holding_forces(reference.com_acceleration)
         return carried[6:] - np.array(shares) @ posture.jacobian[3:15, 6:]
+
+
+class _Bias:
+    """What the model's CoM and mass miss, learnt while the robot stands. Final."""
+
+    def __init__(self, period: float) -> None:
+        self.heaviness = 1.0  # the robot's mass over the model's
+        self._offset = (0.0, 0.0)  # true CoM from the model's, heading's axes [m]
+        self._seen, self._most = 0, max(round(_WEIGHING / period), 1)
+
+    def of(self, heading: float) -> tuple[float, float]:
+        """Return the offset in world axes [m]."""
+        c, s, (x, y) = math.cos(heading), math.sin(heading), self._offset
+        return c * x - s * y, s * x + c * y
+
+    def learn(self, heading: float, heaviness: float, error: np.ndarray) -> None:
+        """Average what is felt over the first moments."""
+        if self._seen >= self._most or not 0.5 < heaviness < 2.0:
+            return
+        self._seen += 1
+        c, s = math.cos(heading), math.sin(heading)
+        (x, y), (e_x, e_y) = self._offset, error.tolist()
+        a = 1.0 / self._seen
+        self.heaviness += a * (heaviness - self.heaviness)
+        self._offset = (
+            x + a * (c * e_x + s * e_y - x),
+            y + a * (c * e_y - s * e_x - y),
+        )
+
+
+_WEIGHING = 0.25  # time over which the standing robot is weighed [s]
+_RISE = 0.25  # time over which the feedback rises from zero after that [s]
 
 
 class _SoleSensor(NamedTuple):

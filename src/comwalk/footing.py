@@ -27,12 +27,16 @@ _LEAN = 0.2  # time constant in which a sole is taken to lie as the IMU says [s]
 
 
 class Place(NamedTuple):
-    """Where a level frame stands: position [m] and cosine and sine of its yaw."""
+    """Where a level frame stands."""
 
     x: float
+    """Forward, world [m]."""
     y: float
+    """To the left, world [m]."""
     c: float
+    """Cosine of its yaw [-]."""
     s: float
+    """Sine of its yaw [-]."""
 
     def turn(self, v: Sequence[float]) -> tuple[float, float, float]:
         """Return a vector in world axes, given in the frame's."""

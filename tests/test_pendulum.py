@@ -64,6 +64,23 @@ def test_integers_become_floats_and_fields_cannot_change():
         frozen.height = 2.0
 
 
+@given(HEIGHTS, st.floats(-0.5, 2.0), NUMBERS, NUMBERS)
+def test_momentum_of_legs_that_sway_makes_it_longer(height, kappa, c, cddot):
+    """With L = kappa m c_z cdot, moments about the ZMP balance per unit of mass."""
+    pendulum = Pendulum(height=height, inertia=kappa)
+    p = zmp_of_motion(pendulum, np.array([c]), np.array([cddot]))[0]
+    rate = kappa * height * cddot
+    assert abs((c - p) * pendulum.gravity - height * cddot - rate) < 1e-9
+    longer = Pendulum(height=10.0, inertia=kappa).omega
+    assert math.isclose(longer, math.sqrt(9.81 / (10.0 * (1.0 + kappa))), rel_tol=1e-12)
+
+
+@pytest.mark.parametrize("value", [-0.6, 2.1, math.nan, "0.1"])
+def test_bad_inertia_is_refused(value):
+    with pytest.raises(ParameterError, match=r"inertia must be .* in \[-0.5, 2\]"):
+        Pendulum(inertia=value)
+
+
 @pytest.mark.parametrize(
     "value", [0.0, -1.0, 11.0, math.nan, math.inf, "1", None, True]
 )

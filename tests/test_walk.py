@@ -26,6 +26,8 @@ from comwalk.walk import End, walk
 from comwalk.whole_body import WholeBody
 
 OPEN_LOOP = Control(gains=Gains(zmp=0.0, com=0.0))
+BARE = dataclasses.replace(OPEN_LOOP, body=BodySettings(imu=False, landing=0.0))
+"""Neither the law nor what lets soles yield to the ground."""
 
 
 def pattern_of(steps, **gait):
@@ -104,16 +106,20 @@ def test_feet_stay_flat_and_where_they_are_put(walk20):
         assert data.site_xmat[index][8] > np.cos(np.radians(0.5))
 
 
-def test_law_survives_soft_servos_and_open_loop_falls():
-    """A quarter of the stiffness: the law completes, the bare pattern does not."""
+def test_law_survives_soft_servos_and_the_bare_pattern_falls():
+    """A quarter of the stiffness: the law completes, without any feedback it falls."""
     soft = load_robot("paper", stiffness=0.25)
     closed = simulate(soft, pattern_of(8))
     assert closed.outcome.ok
-    bare = simulate(soft, pattern_of(8), control=OPEN_LOOP)
+    bare = simulate(soft, pattern_of(8), control=BARE)
     assert bare.outcome.end is End.FELL
     assert "trunk tilted" in bare.outcome.cause or "CoM" in bare.outcome.cause
     assert bare.outcome.time < 10.0
     assert "after" in str(bare.outcome)
+    # Soles that lie as the IMU says do not make up for the law.
+    loose = simulate(soft, pattern_of(8), control=OPEN_LOOP)
+    errors = [x.summary()["zmp_error_rms_mm"]["x"] for x in (closed, loose)]
+    assert errors[1] > 2.0 * errors[0]
 
 
 def test_open_loop_on_stiff_servos_is_allowed():
@@ -490,11 +496,17 @@ def test_sole_margin_agrees_with_the_contacts(walk20):
     feet = log["feet_ref"][np.arange(len(log)), side, :2]
     inside = np.array([0.12, 0.065]) - np.abs(log["zmp_true"] - feet)
     true = inside.min(axis=1)
-    swing_load = log["loads_true"][np.arange(len(log)), 1 - side]
-    alone = single & (swing_load < 1.0)
+    rows = np.arange(len(log))
+    weight = paper().mass * 9.81
+    stance_load, swing_load = (log["loads_true"][rows, k] for k in (side, 1 - side))
+    alone = single & (swing_load < 0.005 * weight) & (stance_load > 0.25 * weight)
     order = np.concatenate([np.flatnonzero(log["phase"] == p) for p in (3, 4)])
+    order = order[alone[order]]
     assert len(order) == len(margins)
-    assert np.abs(margins - true[order])[alone[order]].max() < 5e-3
+    assert len(order) > 0.9 * single.sum()
+    bare = swing_load[order] < 1.0
+    assert np.abs(margins - true[order])[bare].max() < 5e-3
+    assert np.abs(margins - true[order]).max() < 12e-3
 
 
 def test_zmp_averages_to_the_com_over_whole_steps(walk20):

@@ -236,8 +236,8 @@ def nearest_plans(
 ) -> tuple[Change, ...]:
     """Return plans near one that does not fit: shorter, slower, or with a lower body.
 
-    Each is the smallest change of its kind, to 1 %, found around the worst moment of
-    the pattern and verified on the whole.
+    Each is the smallest change of its kind, to 1 %, by which some steps around the
+    worst moment can be walked, with a stop after them; it is verified on the whole.
 
     Args:
         robot: The robot.
@@ -362,7 +362,7 @@ def _sweep(
     """
     far = np.full(len(robot.joints), np.inf)
     free = dataclasses.replace(robot, lower=-far, upper=far, speed=far)
-    settings = BodySettings(deflection_compensation=False)
+    settings = BodySettings(deflection_compensation=False, imu=False, landing=0.0)
     body = WholeBody(free, dt, motion, settings)
     body.start(pattern.at(0.0))
     legs = [limb for limb in robot.limbs if limb.name in LEGS.values()]

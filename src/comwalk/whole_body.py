@@ -124,6 +124,11 @@ class WholeBody:
         self._stiffness = robot.servo.stiffness
         self._gravity = robot.gravity
         self._weight = robot.mass * self._gravity
+        self._prepare_sensors()
+
+    def _prepare_sensors(self) -> None:
+        """Prepare what turns sensor readings into CoM and ZMP."""
+        robot = self.robot
         feet = [robot.feet[side] for side in Side]
         self._sites = np.array(
             [foot.site for foot in feet]
@@ -230,9 +235,7 @@ class WholeBody:
         tilt = tilt_of(sensors.orientation)
         return Measurement(com, self._zmp, load, tilt, trust)
 
-    def _calibrate(
-        self, reference: Reference, load: float, error: np.ndarray
-    ) -> float:
+    def _calibrate(self, reference: Reference, load: float, error: np.ndarray) -> float:
         """Weigh the robot while it stands; return how far to trust what it feels.
 
         At rest the CoM is over the ZMP. The law must not act meanwhile: fed with a CoM

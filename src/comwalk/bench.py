@@ -99,7 +99,7 @@ def jobs_of(
     ]
 
 
-_COMPARED = ("forward", "floor")  # groups that ablations do too
+_COMPARED = ("forward", "floor", "payload")  # groups that ablations do too
 
 
 def chosen(cases: Sequence[Case], names: Sequence[str]) -> tuple[Case, ...]:
@@ -230,6 +230,24 @@ def run_jobs(
     elif missing:
         _share_out(list(missing.values()), workers, perform, keep)
     return [known[key] for key in keys]
+
+
+def known_jobs(jobs: Sequence[Job], ledger: Path) -> tuple[list[Job], list[Result]]:
+    """Return those of some jobs that a ledger has the results of.
+
+    Args:
+        jobs: What could have been done.
+        ledger: File of results.
+
+    Returns:
+        The jobs that were done with this very code, and their results.
+
+    Raises:
+        RunError: If the ledger cannot be read.
+    """
+    known = read_ledger(ledger)
+    done = [(job, known[key]) for job in jobs if (key := job.key) in known]
+    return [job for job, _ in done], [result for _, result in done]
 
 
 def _share_out(

@@ -22,7 +22,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from .bench import Job, chosen, jobs_of, run_jobs
+from .bench import Job, chosen, jobs_of, known_jobs, run_jobs
 from .errors import ParameterError, RunError, nearest
 from .footsteps import checked_count
 from .model_files import ROBOTS
@@ -80,7 +80,8 @@ def bench(
     write: Annotated[
         bool,
         Parameter(
-            help="Use the floors kept for reports, and write docs/robots.md.",
+            help="Use the floors kept for reports, and write docs/robots.md of all "
+            "that the ledger holds from this code.",
             negative=(),
         ),
     ] = False,
@@ -106,7 +107,10 @@ def bench(
         results = run_jobs(jobs, ledger, workers=processes, progress=progress)
     findings = Findings(jobs, results)
     if write:
-        for fault in write_report(findings, DOCUMENT):
+        named = [r for r in _listed(robots) if r not in ROBOTS]
+        every = jobs_of([*ROBOTS, *named], all_cases(REPORT_SEEDS), ABLATIONS)
+        gathered = Findings(*known_jobs(every, ledger))
+        for fault in write_report(gathered, DOCUMENT):
             print(f"comwalk: {fault}", file=sys.stderr)
     _print_json(findings) if json else _print_tables(findings)
     return int(any(_failed(*pair) for pair in zip(jobs, results, strict=True)))

@@ -34,9 +34,12 @@ SIDE_STEP = 0.05
 TURN_STEP = 0.3
 """Natural turn of the body per step [rad]."""
 
-STEP_EXPONENT = 0.5
+STEP_EXPONENT = 0.35
 """How steps grow with the speed beyond the natural one [-]: by speed ratio to this
 power, while their time falls by the rest; 0 only hastens, 1 only lengthens."""
+
+SWING_EXPONENT = -0.8
+"""How the clearance of the foot changes with the speed beyond the natural one [-]."""
 
 MAX_HASTE = 4.0
 """Fastest walk that the rule serves, in natural speeds [-]."""
@@ -115,7 +118,8 @@ def default_gait(
 
     Naturally a step of the length 2 B = 0.2 r takes the time :math:`T = \sqrt r`. A
     slower walk shortens the step and keeps T. A walk that is q times faster takes
-    steps :math:`q^{1/2}` times as long in a time :math:`q^{1/2}` times as short. The
+    steps :math:`q^{0.35}` times as long in a time :math:`q^{0.65}` times as short, lifts
+    the feet less, and crosses the double support by minimum jerk. The
     fastest of the three speeds counts. If T is given, it stays.
 
     Args:
@@ -137,7 +141,7 @@ def default_gait(
     Example:
         >>> gait = default_gait(None, speed=0.8)
         >>> gait.half_step, gait.period
-        (0.2, 0.5)
+        (0.1624, 0.4061)
     """
     natural = _natural_gait(robot)
     wanted = {"half_step": speed, "lateral": side, "turn": turn}
@@ -344,7 +348,7 @@ _SPEEDS = {
 
 def _steps_at(
     wanted: dict[str, float], natural: Gait, changes: dict[str, Any]
-) -> dict[str, float]:
+) -> dict[str, Any]:
     """Return the fields of a gait that walks at the wanted speeds.
 
     Args:
@@ -368,7 +372,15 @@ def _steps_at(
     T = _digits(natural.period * haste ** (STEP_EXPONENT - 1.0))
     T = checked_number("period", changes.get("period", T), unit="s")
     steps = {name: _digits(v * T / _SPEEDS[name][2]) for name, v in wanted.items()}
-    return {"half_step": 0.0, "period": T, **steps}
+    return {"half_step": 0.0, "period": T, **steps, **_hasty(haste, natural)}
+
+
+def _hasty(haste: float, natural: Gait) -> dict[str, Any]:
+    """Return what else changes in a fast gait: lower swings, a smoother ZMP."""
+    if haste <= 1.0:
+        return {}
+    swing = _digits(natural.swing_height * haste**SWING_EXPONENT)
+    return {"swing_height": swing, "double_support": "minjerk"}
 
 
 def _axes(gains: Gains) -> Iterator[tuple[float, float]]:

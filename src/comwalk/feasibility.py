@@ -37,6 +37,7 @@ PERIOD = 0.02
 
 _SAMPLES_PER_SWING = 20
 _COLLISION_PERIOD = 0.08  # [s]
+_USUALLY = 0.95  # share of the time in which the ZMP must be over the soles
 _STANDING = 5  # samples of a phase in which nothing moves
 
 
@@ -466,7 +467,10 @@ def _load_demands(robot: Robot, pattern: Pattern, sweep: _Sweep) -> Iterator[Dem
         yield from _largest(
             "torque", name, torques[:, j], robot.torque[j], "N m", times
         )
-    yield from _largest("ZMP", "sole", offs, half, "m", times)
+    if len(inside):
+        k = int(np.argsort(offs)[round(_USUALLY * (len(offs) - 1))])
+        off, share = float(offs[k]), float(offs[k]) / half
+        yield Demand("ZMP", "sole", off, half, "m", share, float(times[k]))
 
 
 def _singularity_demands(robot: Robot, sweep: _Sweep) -> Iterator[Demand]:

@@ -65,9 +65,8 @@ def sensed(body: WholeBody, shift: tuple[float, float], heaviness: float) -> Sen
 def test_a_shift_of_the_pressure_is_the_coms_error(yaw):
     """Standing, the CoM is over the ZMP, whichever way the robot looks."""
     pattern, (x, y) = turned(yaw), (0.02, -0.01)
-    forward = np.array(
-        [[math.cos(yaw), -math.sin(yaw)], [math.sin(yaw), math.cos(yaw)]]
-    )
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    away = [cos * x - sin * y, sin * x + cos * y]
     usual = WholeBody(paper(), PERIOD, settings=BodySettings(calibration=False))
     body = WholeBody(paper(), PERIOD)
     for one in (usual, body):

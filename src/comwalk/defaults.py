@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from .control import PAPER_GAINS, ControlSettings, Gains
-from .errors import ComwalkError, ParameterError, checked_number
+from .errors import ComwalkError, ParameterError, PlanError, checked_number
 from .feasibility import feasibility
 from .footsteps import PAPER_GAIT, Gait, Side, plan_steps
 from .pattern import Pattern, make_pattern
@@ -150,9 +150,25 @@ def default_gait(
     given = {**steps, **changes}
     T = checked_number("period", given.get("period", natural.period), unit="s")
     given.setdefault("transfer_time", _digits(TRANSFER_SHARE * T))
-    if robot is not None and "turn" in steps:
-        given.setdefault("half_width", _half_width(robot, natural, steps["turn"]))
-    return replace(natural, **given)
+    gait = replace(natural, **given)
+    if robot is None or not gait.turn or "half_width" in changes:
+        return gait
+    return _widened(gait, sole_size(robot))
+
+
+def _widened(gait: Gait, size: tuple[float, float]) -> Gait:
+    """Return a gait that turns, with feet so far apart that the soles do not meet."""
+    for share in _WIDTHS:
+        wider = replace(gait, half_width=_digits(share * gait.half_width))
+        try:
+            plan_steps(wider, 8, sole_size=size)
+        except PlanError:
+            continue
+        return wider
+    return gait
+
+
+_WIDTHS = np.linspace(1.0, 2.0, 21).tolist()  # of the usual distance of the feet
 
 
 def default_gains(robot: Robot) -> Gains:
@@ -314,28 +330,15 @@ def _similar_gait(robot: Robot) -> Gait:
     posture = _home_posture(robot)
     r = round(_com_height(posture), 3) / PAPER_PENDULUM.height
     left, right = posture.ends[:2, :2]
-    usual = replace(PAPER_GAIT, half_width=0.5 * float(np.hypot(*(left - right))))
+    apart, least = float(np.hypot(*(left - right))), sole_size(robot)[1] + SOLE_GAP * r
     times = ("period", "transfer_time", "start_time", "stop_time")
     lengths = ("half_step", "swing_height")
     return replace(
         PAPER_GAIT,
-        half_width=_half_width(robot, usual, 0.0),
+        half_width=_digits(0.5 * max(apart, least)),
         **{k: _digits(math.sqrt(r) * getattr(PAPER_GAIT, k)) for k in times},
         **{k: _digits(r * getattr(PAPER_GAIT, k)) for k in lengths},
     )
-
-
-def _half_width(robot: Robot, usual: Gait, turn: float) -> float:
-    """Return half the distance of the feet [m], such that soles do not meet.
-
-    It is that of a gait, unless soles of l by w which turn by theta about the point
-    between them need more.
-    """
-    length, width = sole_size(robot)
-    gap = SOLE_GAP * usual.half_step / PAPER_GAIT.half_step
-    theta = abs(turn)
-    across = length * math.sin(theta) + width * (1.0 + math.cos(theta)) + 2 * gap
-    return _digits(max(usual.half_width, 0.5 * across / (1.0 + math.cos(theta))))
 
 
 _SPEEDS = {

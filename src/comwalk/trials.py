@@ -340,9 +340,9 @@ def gait_of(robot: str, case: Case) -> Gait:
     size = gait.half_step / PAPER_GAIT.half_step
     if case.haste != 1.0:
         speed = case.haste * 2.0 * gait.half_step / gait.period
-        gait = default_gait(load_robot(robot), speed=speed)
-    return dataclasses.replace(
-        gait,
+        return default_gait(load_robot(robot), speed=speed)
+    return default_gait(
+        load_robot(robot),
         half_step=case.forward * gait.half_step,
         lateral=case.sideways * SIDE_STEP * size,
         turn=case.turn,

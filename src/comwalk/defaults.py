@@ -118,9 +118,9 @@ def default_gait(
 
     Naturally a step of the length 2 B = 0.2 r takes the time :math:`T = \sqrt r`. A
     slower walk shortens the step and keeps T. A walk that is q times faster takes
-    steps :math:`q^{0.35}` times as long in a time :math:`q^{0.65}` times as short, lifts
-    the feet less, and crosses the double support by minimum jerk. The
-    fastest of the three speeds counts. If T is given, it stays.
+    steps :math:`q^{0.35}` times as long in a time :math:`q^{0.65}` times as short,
+    lifts the feet less, and crosses the double support by minimum jerk. The fastest of
+    the three speeds counts. If T is given, it stays.
 
     Args:
         robot: The robot; None for the paper's.

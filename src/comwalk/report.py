@@ -79,7 +79,9 @@ def outcome_cell(result: Result | None) -> str:
         if not result["steps_planned"]:
             return f"ok, ZMP {max(result['zmp_deviation_max_mm'].values()):.0f} mm"
         place, turn = 1e3 * result["position_error_m"], result["heading_error_deg"]
-        return f"ok, {place:.0f} mm {abs(turn):.1f} deg"
+        each = result.get("turn_deg")
+        way = f", {each:.3g} deg a step" if each else ""
+        return f"ok, {place:.0f} mm {abs(turn):.1f} deg{way}"
     if result["outcome"] == "refused":
         return "refused"
     return f"{result['outcome']} at {result['time_s']:.1f} s"

@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from robots import jvrc_path
 
 import comwalk
 from comwalk.cli import main
@@ -43,16 +44,31 @@ def commands() -> list[str]:
     return [line for line in lines if line.startswith("comwalk ")]
 
 
+def prepared(words: list[str]) -> list[str]:
+    """Return a command with the files that it needs: a run, a robot, its profile."""
+    if "runs/..." in words:
+        assert main(["walk", "--steps", "1", "--out", "made"]) == 0
+        words[words.index("runs/...")] = "made"
+    if "my_robot.urdf" in words:
+        Path("my_robot.urdf").write_bytes(jvrc_path().read_bytes())
+    if "--profile" in words:
+        profile = words[words.index("--profile") + 1]
+        assert main(["robot", "my_robot.urdf", "--write-profile", profile]) == 0
+    return words
+
+
 @pytest.mark.parametrize("line", commands())
 def test_commands_run(line, tmp_path, monkeypatch):
     """Each command of the README ends as its comment says: by itself, or in a fall."""
     monkeypatch.chdir(tmp_path)
     command, _, comment = line.partition("#")
-    words = shlex.split(command)[1:]
-    if "runs/..." in words:
-        assert main(["walk", "--steps", "1", "--out", "made"]) == 0
-        words[words.index("runs/...")] = "made"
+    words = prepared(shlex.split(command)[1:])
+    if words[0] == "walk" and "--steps" not in words and "falls" not in comment:
+        words += ["--steps", "5"]  # all twenty are walked in test_walk.py
     assert main(words) == (1 if "falls" in comment else 0)
+    for flag in ("--picture", "--write-profile"):
+        if flag in words:
+            assert Path(words[words.index(flag) + 1]).stat().st_size > 1000
 
 
 def test_the_two_single_commands_are_there():
@@ -95,7 +111,7 @@ def test_examples_run(path, tmp_path, monkeypatch, capsys):
 
 
 def test_examples_are_single_files_a_stranger_can_run():
-    assert len(EXAMPLES) >= 5
+    assert len(EXAMPLES) >= 6
     for path in EXAMPLES:
         text = path.read_text(encoding="utf-8")
         assert text.startswith("# /// script\n")

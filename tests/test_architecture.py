@@ -57,6 +57,7 @@ ORDER = (
     "terrain",
     "simulator",
     "footing",
+    "weighing",
     "whole_body",
     "dynamics",
     "self_collision",

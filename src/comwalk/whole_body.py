@@ -7,7 +7,6 @@ swing foot and the embedded motion as given limb motions.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -17,7 +16,7 @@ from .errors import PlanError
 from .footing import FOOT_INDEX, Footing, Place, planned_share, tilt_matrix
 from .footsteps import Side
 from .motion import EmbeddedMotion
-from .pattern import Phase, Reference
+from .pattern import Reference
 from .plant import Command, Sensors
 from .resolution import CartesianMotion, JointMotion, Posture, Resolution, Task
 from .resolver import RateLimits, Resolver
@@ -25,7 +24,7 @@ from .robot import LEGS, Foot, Kinematics, Robot
 from .sensing import Contact, Measurement, tilt_of, zmp_from_wrenches
 from .settings import BodySettings
 from .spatial import level_error, rotate_twist, yaw_of
-from .swing import minimum_jerk
+from .weighing import Weighing
 
 
 class Body(Protocol):
@@ -110,7 +109,6 @@ class WholeBody:
         self._support = Side.LEFT
         self.footing = Footing(self.settings, period)
         self._left_share = 0.5
-        self._bias = _Bias(period)
         self._edges = np.zeros((2, 2))
         self._free = [
             (limb.name, np.array(limb.joints, dtype=np.intp))
@@ -124,6 +122,7 @@ class WholeBody:
         self._stiffness = robot.servo.stiffness
         self._gravity = robot.gravity
         self._weight = robot.mass * self._gravity
+        self._weighing = Weighing(self._weight, period)
         self._prepare_sensors()
 
     def _prepare_sensors(self) -> None:
@@ -230,21 +229,10 @@ class WholeBody:
         com = np.array(place.of(seen[4]))
         trust = 1.0
         if self.settings.calibration:
-            trust = self._calibrate(reference, load, self._zmp - com[:2])
-            com[:2] += self._bias.of(reference.heading)
+            trust = self._weighing.weigh(reference, load, self._zmp - com[:2])
+            com[:2] += self._weighing.offset(reference.heading)
         tilt = tilt_of(sensors.orientation)
         return Measurement(com, self._zmp, load, tilt, trust)
-
-    def _calibrate(self, reference: Reference, load: float, error: np.ndarray) -> float:
-        """Weigh the robot while it stands; return how far to trust what it feels.
-
-        At rest the CoM is over the ZMP. The law must not act meanwhile: fed with a CoM
-        that follows the ZMP, it would chase it.
-        """
-        if reference.phase is not Phase.STAND or reference.step:
-            return 1.0
-        self._bias.learn(reference.heading, load / self._weight, error)
-        return minimum_jerk((reference.time - _WEIGHING) / _RISE)[0]
 
     def _feel_edges(self, wrenches: np.ndarray) -> None:
         """Find where on the soles the ground presses, as shares of their half size."""
@@ -417,7 +405,7 @@ class WholeBody:
         q, rates = self.configuration[7:].copy(), resolution.rates
         if self.settings.deflection_compensation:
             torques = self._planned_torques(resolution, reference)
-            torques *= self._bias.heaviness
+            torques *= self._weighing.heaviness
             q += (torques + self.robot.servo.damping * rates) / self._stiffness
         if self._motion is not None and not self.settings.embed_motion:
             q[self._dancing], _ = self._motion.at(reference.time)
@@ -439,38 +427,6 @@ class WholeBody:
         shares = [load * w for w in wrench] + [(1.0 - load) * w for w in wrench]
         carried = self._commanded.holding_forces(reference.com_acceleration)
         return carried[6:] - np.array(shares) @ posture.jacobian[3:15, 6:]
-
-
-class _Bias:
-    """What the model's CoM and mass miss, learnt while the robot stands. Final."""
-
-    def __init__(self, period: float) -> None:
-        self.heaviness = 1.0  # the robot's mass over the model's
-        self._offset = (0.0, 0.0)  # true CoM from the model's, heading's axes [m]
-        self._seen, self._most = 0, max(round(_WEIGHING / period), 1)
-
-    def of(self, heading: float) -> tuple[float, float]:
-        """Return the offset in world axes [m]."""
-        c, s, (x, y) = math.cos(heading), math.sin(heading), self._offset
-        return c * x - s * y, s * x + c * y
-
-    def learn(self, heading: float, heaviness: float, error: np.ndarray) -> None:
-        """Average what is felt over the first moments."""
-        if self._seen >= self._most or not 0.5 < heaviness < 2.0:
-            return
-        self._seen += 1
-        c, s = math.cos(heading), math.sin(heading)
-        (x, y), (e_x, e_y) = self._offset, error.tolist()
-        a = 1.0 / self._seen
-        self.heaviness += a * (heaviness - self.heaviness)
-        self._offset = (
-            x + a * (c * e_x + s * e_y - x),
-            y + a * (c * e_y - s * e_x - y),
-        )
-
-
-_WEIGHING = 0.25  # time over which the standing robot is weighed [s]
-_RISE = 0.25  # time over which the feedback rises from zero after that [s]
 
 
 class _SoleSensor(NamedTuple):

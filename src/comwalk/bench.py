@@ -103,11 +103,11 @@ _COMPARED = ("forward", "floor", "payload")  # groups that ablations do too
 
 
 def chosen(cases: Sequence[Case], names: Sequence[str]) -> tuple[Case, ...]:
-    """Return the cases of some groups, or of some full names.
+    """Return the cases whose names begin with some words.
 
     Args:
         cases: All cases.
-        names: Groups such as "floor", or names such as "payload 10 %"; all if empty.
+        names: First words, such as "floor" or "floor 10 mm"; all if empty.
 
     Returns:
         Those chosen, in the order of all.
@@ -115,14 +115,18 @@ def chosen(cases: Sequence[Case], names: Sequence[str]) -> tuple[Case, ...]:
     Raises:
         ParameterError: If a name is unknown.
     """
-    known = {case.group for case in cases} | {case.name for case in cases}
-    for name in names:
-        if name not in known:
+    wanted = [name.split() for name in names]
+    for words in wanted:
+        if not any(case.name.split()[: len(words)] == words for case in cases):
             groups = ", ".join(dict.fromkeys(case.group for case in cases))
-            raise ParameterError(f'unknown case "{name}"; there are {groups}')
-    if not names:
-        return tuple(cases)
-    return tuple(case for case in cases if {case.group, case.name} & set(names))
+            raise ParameterError(
+                f'unknown case "{" ".join(words)}"; there are {groups}'
+            )
+    return tuple(
+        case
+        for case in cases
+        if not wanted or any(case.name.split()[: len(w)] == w for w in wanted)
+    )
 
 
 # ---- The ledger -------------------------------------------------------------------

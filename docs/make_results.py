@@ -12,15 +12,27 @@ import sys
 import tempfile
 from pathlib import Path
 
+SOFT = "walk --stiffness 0.25"
+OPEN_LOOP = "--gains.zmp 0 --gains.com 0"
+LEVEL = "--body.no-imu --body.landing 0"
+ROUGH = "walk --simulator.terrain 0.01"
+LOADED = "walk --simulator.payload 0.1"
+
 ROWS = {
     "the paper's walk, 4 m": "walk",
     "the same, 20 m": "walk --steps 100",
-    "the same in open loop": "walk --gains.zmp 0 --gains.com 0",
-    "servos at a quarter of the stiffness": "walk --stiffness 0.25",
-    "the same in open loop (soft)": "walk --stiffness 0.25 --gains.zmp 0 --gains.com 0",
-    "backward": "walk --gait.half-step -0.1 --steps 10",
-    "sideways": "walk --gait.half-step 0 --gait.lateral 0.06 --steps 10",
-    "a full turn in place": "walk --gait.half-step 0 --gait.turn 0.314159 --steps 20",
+    "the same in open loop": f"walk {OPEN_LOOP}",
+    "servos at a quarter of the stiffness": SOFT,
+    "the same in open loop (soft)": f"{SOFT} {OPEN_LOOP}",
+    "the same, soles taken for level (soft)": f"{SOFT} {OPEN_LOOP} {LEVEL}",
+    "boxes of up to 10 mm on the floor": ROUGH,
+    "the same, soles taken for level (rough)": f"{ROUGH} {LEVEL}",
+    "a tenth of its mass on the back": LOADED,
+    "the same, not weighed before": f"{LOADED} --body.no-calibration",
+    "twice as fast": "walk --speed 0.4 --steps 10",
+    "backward": "walk --speed -0.2 --steps 10",
+    "sideways": "walk --side 0.06 --steps 10",
+    "a full turn in place": "walk --turn 18 --steps 20",
     "walking and dancing": "walk --motion disco --motion-frequency 1 --steps 10",
     "both arms dance": "dance",
     "the same, legs unaware": "dance --body.no-embed-motion",
@@ -49,7 +61,7 @@ def row(title: str, command: str) -> str:
     outcome = f"{s['outcome']} at {s['time_s']:.1f} s" if fell else s["outcome"]
     margin = s["sole_margin_p5_mm"]
     cells = [
-        title.removesuffix(" (soft)"),
+        title.partition(" (")[0],
         f"`{command}`",
         outcome,
         "-" if fell else f"{com['x']:.1f} / {com['y']:.1f}",

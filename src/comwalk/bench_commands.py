@@ -107,9 +107,13 @@ def bench(
         results = run_jobs(jobs, ledger, workers=processes, progress=progress)
     findings = Findings(jobs, results)
     if write:
-        named = [r for r in _listed(robots) if r not in ROBOTS]
-        every = jobs_of([*ROBOTS, *named], all_cases(REPORT_SEEDS), ABLATIONS)
-        gathered = Findings(*known_jobs(every, ledger))
+        every = jobs_of(ROBOTS, all_cases(REPORT_SEEDS), ABLATIONS)
+        known, found = known_jobs(every, ledger)
+        keys = {job.key for job in known}
+        new = [k for k, job in enumerate(jobs) if job.key not in keys]
+        gathered = Findings(
+            [*known, *(jobs[k] for k in new)], [*found, *(results[k] for k in new)]
+        )
         for fault in write_report(gathered, DOCUMENT):
             print(f"comwalk: {fault}", file=sys.stderr)
     _print_json(findings) if json else _print_tables(findings)

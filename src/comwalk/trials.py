@@ -511,18 +511,28 @@ _HARDEST = 2.0  # [m/s]
 def _run(robot: str, case: Case) -> dict[str, Any]:
     """Do a walk or a dance; an interruption by the user is no result.
 
-    A robot whose hips cannot turn so fast makes twice as many turns of half the angle.
+    A robot whose joints do not allow it makes smaller turns, and more of them, or
+    smaller steps to the side.
     """
     try:
         run = prepare(robot, case).run()
     except PlanError:
-        if abs(case.turn) < _LEAST_TURN:
+        gentler = _gentler(case)
+        if gentler is None:
             raise
-        gentler = dataclasses.replace(case, turn=case.turn / 2, steps=2 * case.steps)
         return _run(robot, gentler)
     if run.outcome.end is End.ABORTED and "by the user" in run.outcome.cause:
         raise KeyboardInterrupt
     return figures_of(run) | {"turn_deg": math.degrees(case.turn)}
+
+
+def _gentler(case: Case) -> Case | None:
+    """Return a case with half the turn or a smaller step to the side, if there is."""
+    if abs(case.turn) >= _LEAST_TURN:
+        return dataclasses.replace(case, turn=case.turn / 2, steps=2 * case.steps)
+    if abs(case.sideways) > 0.5:
+        return dataclasses.replace(case, sideways=0.7 * case.sideways)
+    return None
 
 
 _LEAST_TURN = math.radians(5.0)  # turn per step that is not halved further [rad]

@@ -50,7 +50,7 @@ class Job:
     def key(self) -> str:
         """Digest of all that the result depends on."""
         case = plain(self.ablation.of(self.case))
-        what = [self.robot, case, source_digest(), versions()]
+        what = [self.robot, case, source_digest(), _versions()]
         if Path(self.robot).is_file():
             what.append(_digest(Path(self.robot).read_bytes()))
         return _digest(json.dumps(what, sort_keys=True).encode())
@@ -68,6 +68,12 @@ def source_digest() -> str:
         if p not in shown
     ]
     return _digest("\n".join(parts).encode())
+
+
+@cache
+def _versions() -> dict[str, str]:
+    """Return the versions that results depend on, looked up once."""
+    return versions()
 
 
 def _digest(data: bytes) -> str:

@@ -325,13 +325,16 @@ def test_command_writes_the_document_from_floors_of_its_own(tmp_path, monkeypatc
         return [{"outcome": "refused", "cause": "no"} for _ in jobs]
 
     monkeypatch.setattr(bench_commands, "run_jobs", run)
+    monkeypatch.setattr(bench_commands, "ROBOTS", {"paper": "untried"})
     words = ["bench", "--robots", "nobody", "--cases", "floor"]
     main(words)
     assert set(seen) == set(range(20))
     seen.clear()
     main([*words, "--write"])
     assert set(seen) == set(range(100, 120))
-    assert "nobody" in (tmp_path / "docs" / "robots.md").read_text()
+    text = (tmp_path / "docs" / "robots.md").read_text()
+    assert "nobody" in text
+    assert "paper" not in text
 
 
 def test_quick_bench_is_a_part_of_the_whole():

@@ -16,6 +16,7 @@ from comwalk.control import ControlSettings, Gains
 from comwalk.defaults import (
     MAX_HASTE,
     SIDE_STEP,
+    STEP_EXPONENT,
     TURN_STEP,
     default_control,
     default_control_settings,
@@ -25,7 +26,7 @@ from comwalk.defaults import (
     sole_size,
     walk_pattern,
 )
-from comwalk.errors import ParameterError
+from comwalk.errors import ParameterError, PlanError
 from comwalk.footsteps import Gait
 from comwalk.pendulum import Pendulum
 from comwalk.robot import Robot, load_robot
@@ -96,8 +97,10 @@ def test_turning_feet_that_would_meet_are_set_apart():
     """The quicker they turn, the wider they stand; no more than soles need."""
     slow, fast = (default_gait(paper(), turn=v) for v in (0.3, 1.1))
     assert slow.half_width == 0.09
-    assert 0.1 < fast.half_width < 0.13
+    assert 0.09 < fast.half_width < 0.11
     walk_pattern(paper(), 4, turn=1.1)
+    with pytest.raises(PlanError, match="soles meet"):
+        walk_pattern(paper(), 4, turn=1.1, half_width=0.98 * fast.half_width)
 
 
 def test_feet_that_would_meet_are_set_apart(small):
@@ -138,12 +141,23 @@ def test_sideways_and_turning_speeds():
     gait = default_gait(None, side=-0.04, turn=0.2)
     assert (gait.half_step, gait.lateral, gait.turn) == (0.0, -0.04, 0.2)
     assert gait.period == 1.0
+    longer, shorter = 4**STEP_EXPONENT, 4 ** (STEP_EXPONENT - 1.0)
     fast = default_gait(None, turn=4 * TURN_STEP)
-    assert fast.turn == pytest.approx(2 * TURN_STEP)
-    assert fast.period == pytest.approx(0.5)
+    assert fast.turn == pytest.approx(longer * TURN_STEP, rel=1e-3)
+    assert fast.period == pytest.approx(shorter, rel=1e-3)
     fast = default_gait(None, speed=0.1, side=4 * SIDE_STEP)
-    assert fast.lateral == pytest.approx(2 * SIDE_STEP)
-    assert fast.half_step == pytest.approx(0.025)
+    assert fast.lateral == pytest.approx(longer * SIDE_STEP, rel=1e-3)
+    assert fast.half_step == pytest.approx(0.05 * shorter, rel=1e-3)
+
+
+def test_fast_walks_lift_their_feet_less_and_cross_smoothly():
+    """Up to the natural speed nothing changes."""
+    slow, fast, faster = (default_gait(None, speed=v) for v in (0.2, 0.3, 0.6))
+    assert (slow.swing_height, slow.double_support) == (0.04, "paper")
+    assert 0.01 < faster.swing_height < fast.swing_height < 0.04
+    assert fast.double_support == faster.double_support == "minjerk"
+    asked = default_gait(None, speed=0.6, double_support="paper", swing_height=0.05)
+    assert (asked.swing_height, asked.double_support) == (0.05, "paper")
 
 
 def test_the_fastest_of_three_speeds_sets_the_period():
@@ -181,7 +195,9 @@ def test_impossible_numbers_are_refused(values, text):
 
 
 def test_the_rule_ends_where_the_fields_of_a_gait_do():
-    assert default_gait(None, speed=MAX_HASTE * 0.2).half_step == 0.2
+    fastest = default_gait(None, speed=MAX_HASTE * 0.2)
+    assert fastest.half_step <= 0.2
+    assert fastest.period >= 0.3
 
 
 def test_the_cutoff_has_a_gain_margin_of_two(small):

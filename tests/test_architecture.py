@@ -38,6 +38,7 @@ ORDER = (
     "model_parts",
     "mesh_files",
     "meshes",
+    "up_axis",
     "urdf_tree",
     "urdf",
     "mjcf",
@@ -90,7 +91,7 @@ ORDER = (
 
 PACKAGES = {
     "mujoco": {
-        *("model_parts", "meshes", "urdf", "mjcf", "model_files"),
+        *("model_parts", "meshes", "up_axis", "urdf", "mjcf", "model_files"),
         *("skeleton", "soles", "anatomy", "roles", "posture", "servos"),
         *("marking", "marked", "robot"),
         *("simulator", "dynamics", "self_collision", "feasibility"),

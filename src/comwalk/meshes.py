@@ -15,7 +15,8 @@ from .model_parts import LinkMesh, quaternion_of
 
 _WIDEST = 100.0
 """Extent [m] above which a mesh is in other units."""
-_VISUAL_GROUP, _COLLISION_GROUP = 2, 3
+VISUAL_GROUP, COLLISION_GROUP = 2, 3
+"""Groups of geoms for the eye, and of those for contact."""
 _GRAY = (0.7, 0.7, 0.7, 1.0)
 
 
@@ -29,7 +30,7 @@ def style_geom(
         collides: Whether it is meant for contact: group 3, else group 2.
         color: Red, green, blue, alpha; None for gray.
     """
-    geom.group = _COLLISION_GROUP if collides else _VISUAL_GROUP
+    geom.group = COLLISION_GROUP if collides else VISUAL_GROUP
     geom.contype = geom.conaffinity = int(collides)
     geom.rgba = np.array(color or _GRAY)
 

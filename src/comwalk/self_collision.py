@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
+from .meshes import VISUAL_GROUP, compile_without_bad_meshes
 from .robot import Robot
 
 CLEARANCE = 0.01
@@ -83,13 +84,14 @@ def _colliding(spec: mujoco.MjSpec) -> mujoco.MjModel:
     spec = spec.copy()
     solid = [geom for geom in spec.geoms if geom.contype or geom.conaffinity]
     if len({geom.parent.name for geom in solid}) < _MOST * len(spec.bodies):
-        solid = list(spec.geoms)
+        shapes = [geom for geom in spec.geoms if geom.group != VISUAL_GROUP]
+        solid = shapes if len(shapes) > len(solid) else list(spec.geoms)
     for geom in spec.geoms:
         geom.contype = geom.conaffinity = 0
     for geom in solid:
         geom.contype = geom.conaffinity = 1
         geom.margin, geom.gap = 0.5 * CLEARANCE, 0.0
-    return spec.compile()
+    return compile_without_bad_meshes(spec, [])
 
 
 def _link_names(model: mujoco.MjModel) -> list[str]:

@@ -25,6 +25,7 @@ from .model_parts import (
     quaternion_of,
     resolve_mimics,
 )
+from .up_axis import stand_up
 from .urdf_tree import (
     Joint,
     Link,
@@ -76,6 +77,7 @@ def read_urdf(root: ET.Element, path: Path) -> ModelFile:
     spec = _empty_spec(root.get("name") or path.stem)
     bodies = _add_bodies(spec, links, tree, base, pose, free_name, notes)
     meshes = _add_shapes(bodies, links, _colors(root), _mesh_folder(root, path), notes)
+    meshes = stand_up(meshes, spec, notes)
     limits = {
         what: {j.name: x for j in moving if (x := _limit(j, what)) > 0.0}
         for what in ("velocity", "effort")

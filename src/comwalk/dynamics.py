@@ -13,6 +13,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from .footing import share_between
 from .footsteps import Side
 from .robot import Robot
 
@@ -95,9 +96,7 @@ class InverseDynamics:
 
     def _left_share(self, zmp: np.ndarray) -> float:
         """Return where a ZMP is between the soles: 0 at the right, 1 at the left."""
-        left, right = self._soles[:, :2]
-        way = left - right
-        return float(np.clip((zmp - right) @ way / (way @ way), 0.0, 1.0))
+        return share_between(zmp, *self._soles[:, :2])
 
     def _stand_on(
         self, base: np.ndarray, force: np.ndarray, moment: np.ndarray, left: float

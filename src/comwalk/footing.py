@@ -83,9 +83,23 @@ def planned_share(reference: Reference) -> float:
     """
     if reference.phase in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT):
         return 1.0 if reference.phase is Phase.SINGLE_LEFT else 0.0
-    x_l, y_l, _ = reference.left.position.tolist()
-    x_r, y_r, _ = reference.right.position.tolist()
-    p_x, p_y = reference.zmp.tolist()
+    return share_between(
+        reference.zmp, reference.left.position[:2], reference.right.position[:2]
+    )
+
+
+def share_between(zmp: np.ndarray, left: np.ndarray, right: np.ndarray) -> float:
+    """Return the share of the weight on the left foot, from where the ZMP is.
+
+    Args:
+        zmp: The ZMP [m], (2,).
+        left: Middle of the left sole [m], in the same axes, (2,).
+        right: Middle of the right sole [m], (2,).
+
+    Returns:
+        Share [-]: 0 at the right sole or beyond, 1 at the left one.
+    """
+    (p_x, p_y), (x_l, y_l), (x_r, y_r) = zmp.tolist(), left.tolist(), right.tolist()
     d_x, d_y = x_l - x_r, y_l - y_r
     share = ((p_x - x_r) * d_x + (p_y - y_r) * d_y) / (d_x * d_x + d_y * d_y)
     return min(max(share, 0.0), 1.0)

@@ -28,7 +28,7 @@ from .defaults import SIDE_STEP, default_gait
 from .errors import ComwalkError, ParameterError, PlanError
 from .footsteps import PAPER_GAIT, Gait, Side, foot_poses, plan_segments
 from .pattern import Pattern, Phase, make_pattern
-from .robot import load_robot
+from .robot import Robot, load_robot
 from .run import Run, plain
 from .settings import Push
 from .walk import End
@@ -318,9 +318,14 @@ def tables_of(keys: Keys) -> dict[str, Any]:
 
 
 @cache
+def _loaded(robot: str) -> Robot:
+    """Return a robot, which takes a while to load and to find a gait for."""
+    return load_robot(robot)
+
+
 def _natural_gait(robot: str) -> Gait:
-    """Return the natural gait of a robot, which takes a while to load."""
-    return default_gait(load_robot(robot))
+    """Return the natural gait of a robot."""
+    return default_gait(_loaded(robot))
 
 
 def gait_of(robot: str, case: Case) -> Gait:
@@ -340,9 +345,9 @@ def gait_of(robot: str, case: Case) -> Gait:
     size = gait.half_step / PAPER_GAIT.half_step
     if case.haste != 1.0:
         speed = case.haste * 2.0 * gait.half_step / gait.period
-        return default_gait(load_robot(robot), speed=speed)
+        return default_gait(_loaded(robot), speed=speed)
     return default_gait(
-        load_robot(robot),
+        _loaded(robot),
         half_step=case.forward * gait.half_step,
         lateral=case.sideways * SIDE_STEP * size,
         turn=case.turn,

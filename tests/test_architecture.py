@@ -17,6 +17,8 @@ SOURCE = Path(comwalk.__file__).parent
 ORDER = (
     # The paper on paper: numpy and scipy only.
     "errors",
+    "compiled",
+    "rows",
     "spatial",
     "sensing",
     "polygon",
@@ -27,6 +29,7 @@ ORDER = (
     "dances",
     "motion_files",
     "pattern",
+    "lookup",
     "stability",
     "sampled",
     "control",
@@ -97,6 +100,7 @@ PACKAGES = {
         *("simulator", "dynamics", "self_collision", "feasibility"),
         *("run", "render", "portrait"),
     },
+    "numba": {"compiled"},
     "trimesh": {"mesh_files"},
     "matplotlib": {"plot", "figures", "render"},
     "rich": {"bench_commands", "cli", "commands", "robot_commands"},

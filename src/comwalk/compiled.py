@@ -1,0 +1,38 @@
+"""One way to compile the inner loops: numba, where it is installed.
+
+A kernel is a plain function of numbers and arrays. It is compiled when it is first
+called, kept on disk for the next process, and runs uncompiled without numba: slower,
+with the same result.
+
+Importing numba takes longer than a short command does, so a module of kernels is
+imported where it is used, never at the top of another module.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any, TypeVar, cast
+
+_Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
+
+try:
+    import numba
+except ImportError:
+    numba = None
+
+COMPILES = numba is not None
+"""Whether kernels are compiled here."""
+
+
+def kernel(function: _Kernel) -> _Kernel:
+    """Return a function compiled on its first call, with its result kept on disk.
+
+    Args:
+        function: A function of numbers and arrays alone.
+
+    Returns:
+        The compiled function; the function itself without numba.
+    """
+    if numba is None:
+        return function
+    return cast(_Kernel, numba.njit(cache=True, error_model="numpy")(function))

@@ -81,7 +81,7 @@ ORDER = (
     "config",
     "trials",
     "bench",
-    "report",
+    "bench_report",
     "figures",
     "flags",
     "commands",

@@ -17,15 +17,15 @@ from PIL import Image
 
 from comwalk import bench, bench_commands
 from comwalk.bench import Job, chosen, jobs_of, read_ledger, run_jobs, write_entry
-from comwalk.cli import main
-from comwalk.errors import ParameterError, RunError
-from comwalk.report import (
+from comwalk.bench_report import (
     Findings,
     document,
     draw_robot,
     tables_of_findings,
     write_report,
 )
+from comwalk.cli import main
+from comwalk.errors import ParameterError, RunError
 from comwalk.trials import ABOUT, OPEN_LOOP, SPEED, Ablation, Case, all_cases, pushes
 
 CASES = tuple(Case(name=f"case {k}", steps=k + 1) for k in range(12))

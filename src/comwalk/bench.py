@@ -24,7 +24,7 @@ from .run import plain, versions
 from .trials import DEFAULT, OPEN_LOOP, Ablation, Case, perform
 
 _SHOWN = ("bench", "bench_commands", "cli", "commands", "figures", "flags", "gl")
-_SHOWN += ("plot", "render", "report")  # modules that change no result
+_SHOWN += ("plot", "render", "bench_report")  # modules that change no result
 
 _SOURCES = (".py", ".toml", ".urdf", ".xml")
 

@@ -23,10 +23,10 @@ from rich.progress import (
 from rich.table import Table
 
 from .bench import Job, chosen, jobs_of, known_jobs, run_jobs
+from .bench_report import Findings, tables_of_findings, write_report
 from .errors import ParameterError, RunError, nearest
 from .footsteps import checked_count
 from .model_files import ROBOTS
-from .report import Findings, tables_of_findings, write_report
 from .run import prepare_folder
 from .trials import (
     ABLATIONS,

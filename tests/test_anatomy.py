@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from models import ARM, LEG, Build, renaming, urdf, write
+from scipy.optimize import linear_sum_assignment
 
 from comwalk.anatomy import find_anatomy
 from comwalk.errors import ModelError
@@ -16,6 +17,7 @@ from comwalk.footsteps import Side
 from comwalk.marking import compile_model
 from comwalk.model_files import read_model
 from comwalk.robot import load_robot
+from comwalk.roles import _best_pairs
 
 LEFT, RIGHT = Side.LEFT, Side.RIGHT
 
@@ -234,6 +236,16 @@ def test_known_robots(name):
     left, right = (found.soles[s].size for s in Side)
     assert left == pytest.approx(right, rel=0.02)
     assert {"l_elbow_pitch", "r_elbow_pitch", "waist_yaw"} <= set(robot.roles)
+
+
+def test_joints_and_roles_are_paired_for_the_largest_sum():
+    """More joints than roles, or fewer: as scipy's assignment has it."""
+    rng = np.random.default_rng(5)
+    for shape in ((1, 3), (2, 3), (3, 3), (6, 3), (4, 1)):
+        shares = rng.random(shape)
+        rows, columns = linear_sum_assignment(-shares)
+        pairs = {(int(r), int(c)) for r, c in zip(rows, columns, strict=True)}
+        assert set(_best_pairs(shares)) == pairs
 
 
 def test_roles_turn_as_they_are_called(folder):

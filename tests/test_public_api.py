@@ -86,11 +86,41 @@ def test_the_version_is_the_installed_one():
         assert cw.__version__ == version
 
 
+HEAVY = ("mujoco", "matplotlib", "scipy", "numpy", "numba", "trimesh")
+
+
+def loaded(code: str, packages: tuple[str, ...]) -> list[str]:
+    """Return which of some packages are loaded after some code, in a new process."""
+    last = f"print([m for m in {packages} if m in sys.modules])"
+    return ast.literal_eval(python(f"import sys; {code}; {last}").splitlines()[-1])
+
+
 def test_import_is_light():
     """No work at import: neither physics nor plots nor numerics are loaded."""
-    heavy = ("mujoco", "matplotlib", "scipy", "numpy", "rich", "cyclopts")
-    code = f"import sys, comwalk; print([m for m in {heavy} if m in sys.modules])"
-    assert python(code).strip() == "[]"
+    assert loaded("import comwalk", (*HEAVY, "rich", "cyclopts")) == []
+
+
+@pytest.mark.parametrize("words", ["--help", "--version"])
+def test_what_needs_no_numerics_loads_none(words):
+    """The page of help takes hardly longer than the interpreter."""
+    run = f"from comwalk.cli import main; print(main(['{words}']))"
+    assert loaded(run, HEAVY) == []
+
+
+@pytest.mark.parametrize("command", ["walk", "check", "dance", "pattern"])
+def test_help_of_a_command_needs_no_physics(command):
+    """It shows defaults, a few of which are arrays."""
+    run = f"from comwalk.cli import main; print(main(['{command}', '--help']))"
+    assert loaded(run, tuple(name for name in HEAVY if name != "numpy")) == []
+
+
+def test_a_walk_loads_nothing_that_only_others_need():
+    """No pictures, no meshes, no splines for dances: they cost half a second."""
+    run = (
+        "from comwalk.config import WalkConfig, build_walk;"
+        "print(build_walk(WalkConfig(steps=1)).run().outcome.ok)"
+    )
+    assert loaded(run, ("matplotlib", "trimesh", "scipy.interpolate")) == []
 
 
 def test_the_paper_theory_needs_no_physics():

@@ -8,9 +8,11 @@ from __future__ import annotations
 
 import ast
 import dataclasses
-import inspect
-import textwrap
+import linecache
+import re
+import sys
 from collections.abc import Callable
+from functools import cache
 from itertools import pairwise
 from types import FunctionType, UnionType
 from typing import Annotated, Any, get_args, get_origin
@@ -21,6 +23,7 @@ from .config import fields_of, part_of
 from .errors import ParameterError
 
 
+@cache
 def flags_of(
     kind: Any, skipped: tuple[str, ...] = (), *, suits_robot: bool = False
 ) -> Any:
@@ -68,12 +71,24 @@ def _field_texts(kind: type) -> dict[str, str]:
     """Return the docstring under each field of a dataclass and its bases."""
     texts: dict[str, str] = {}
     for base in reversed(kind.__mro__[:-1]):
-        (tree,) = ast.parse(textwrap.dedent(inspect.getsource(base))).body
+        (tree,) = ast.parse(_source_of(base)).body
         for field, text in pairwise(getattr(tree, "body", ())):
             if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
                 words = ast.literal_eval(text.value).split()
                 texts[ast.unparse(field.target)] = " ".join(words)
     return texts
+
+
+def _source_of(kind: type) -> str:
+    """Return the text of a class, to the next line that is not indented.
+
+    `inspect.getsource` would parse the whole module, for each class anew.
+    """
+    lines = linecache.getlines(str(sys.modules[kind.__module__].__file__))
+    head = re.compile(rf"class {kind.__name__}\b")
+    first = next(k for k, line in enumerate(lines) if head.match(line))
+    rest = (k for k in range(first + 1, len(lines)) if lines[k][:1].strip())
+    return "".join(lines[first : next(rest, len(lines))])
 
 
 def _shown(default: Any, suits_robot: bool) -> str:

@@ -21,7 +21,6 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
-from scipy.interpolate import CubicSpline
 
 from .errors import MotionError, checked_number, nearest
 from .swing import minimum_jerk
@@ -73,6 +72,8 @@ class Motion:
 
     def __post_init__(self) -> None:
         """Check the samples and fit the spline."""
+        from scipy.interpolate import CubicSpline
+
         if not _is_word(self.name):
             raise MotionError(f"name must be printable text, got {self.name!r}")
         joints = _checked_joints(self.name, self.joints)

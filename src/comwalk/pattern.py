@@ -22,8 +22,6 @@ from itertools import accumulate, pairwise
 from typing import NamedTuple
 
 import numpy as np
-from scipy.interpolate import PchipInterpolator
-from scipy.linalg import solveh_banded
 
 from .errors import ParameterError, PlanError, checked_number
 from .footsteps import (
@@ -842,6 +840,8 @@ def _solve(
 
     The start and the stop give v = kappa (u - c) at the ends (Robin rows).
     """
+    from scipy.linalg import solveh_banded
+
     k = len(links.diagonal) + 1
     bands, load = np.zeros((2, k)), np.zeros((k, 2))
     bands[1, :-1] += links.diagonal
@@ -994,11 +994,20 @@ def _heading_curve(
         starts = [pieces[i + 1].start, pieces[i + 2].start]
         own = [*starts, *landings, pieces[j].start]
         angles = [yaw[first], *yaw[first : last + 1], yaw[last]]
-        with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
-            # A denormal turn overflows in its slopes' harmonic mean, which is 0 then.
-            cubics += PchipInterpolator(own, angles).c.T.tolist()
+        cubics += _monotone_cubics(own, angles)
         knots += own
     return knots, cubics
+
+
+def _monotone_cubics(times: list[float], angles: list[float]) -> list[list[float]]:
+    """Return the cubics between angles [rad] that never overshoot (PCHIP)."""
+    if min(angles) == max(angles):
+        return [[0.0, 0.0, 0.0, float(angles[0])]] * (len(angles) - 1)
+    from scipy.interpolate import PchipInterpolator
+
+    with np.errstate(over="ignore", divide="ignore", invalid="ignore"):
+        # A denormal turn overflows in its slopes' harmonic mean, which is 0 then.
+        return PchipInterpolator(times, angles).c.T.tolist()
 
 
 def _mean_yaw(poses: np.ndarray) -> np.ndarray:

@@ -9,7 +9,6 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from scipy.optimize import minimize
 
 
 def rectangle(x: float, y: float, yaw: float, size: tuple[float, float]) -> np.ndarray:
@@ -125,6 +124,8 @@ def rectangle_in(
         >>> [round(v, 6) for v in (x, y, *size)]
         [2.0, 1.0, 4.0, 2.0]
     """
+    from scipy.optimize import minimize
+
     polygon = np.asarray(polygon, dtype=float)
     edges = np.roll(polygon, -1, axis=0) - polygon
     normals = np.stack([edges[:, 1], -edges[:, 0]], axis=1)

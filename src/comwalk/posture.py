@@ -14,7 +14,6 @@ from dataclasses import dataclass
 
 import mujoco
 import numpy as np
-from scipy.optimize import least_squares
 
 from .coupling import Coupling
 from .errors import ModelError
@@ -164,6 +163,8 @@ class _Seeker:
 
     def _hang(self, side: Side, joints: Sequence[int], first: int, elbow: int) -> None:
         """Turn the joints of one arm, from the first to the elbow, until it hangs."""
+        from scipy.optimize import least_squares
+
         places = self.model.jnt_qposadr[list(joints)]
         low, high = self.low[places - 7], self.high[places - 7]
         start, hand = self.q[places].copy(), self.limbs.hands[side]

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
 import mujoco
 import numpy as np
-from scipy.optimize import linear_sum_assignment
 
 from .anatomy import Anatomy
 from .skeleton import Skeleton
@@ -65,12 +65,22 @@ def _turning(
     if not joints:
         return {}
     shares = posture.axes(joints)[:, [_AXES[name] for name in wanted]]
-    rows, picked = linear_sum_assignment(-np.abs(shares))
+    pairs = _best_pairs(np.abs(shares))
     return {
         f"{part}_{wanted[c]}": (
             posture.model.joint(joints[r]).name,
             math.copysign(1.0, shares[r, c]),
         )
-        for r, c in zip(rows, picked, strict=True)
+        for r, c in pairs
         if abs(shares[r, c]) > _LEAST_SHARE
     }
+
+
+def _best_pairs(shares: np.ndarray) -> list[tuple[int, int]]:
+    """Return pairs of a row and a column, each in one at most, of the largest sum."""
+    rows, columns = shares.shape
+    if rows < columns:
+        return [(r, c) for c, r in _best_pairs(shares.T)]
+    every = itertools.permutations(range(rows), columns)
+    best = max(every, key=lambda rows: sum(shares[rows, range(columns)]))
+    return list(zip(best, range(columns), strict=True))

@@ -10,7 +10,6 @@ import math
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import expm
 
 from .errors import ParameterError, checked_number
 from .pendulum import Pendulum
@@ -97,6 +96,8 @@ def _analog_step(
     pendulum: Pendulum, loop: SampledLoop, f_c: float
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return F (3, 3), G (3,) of (c, v, f) over a period, ZMP filter in real time."""
+    from scipy.linalg import expm
+
     tau, w, omega = loop.servo_lag, 2.0 * math.pi * f_c, pendulum.omega
     M = np.zeros((4, 4))
     M[0, 1], M[1, 1], M[1, 3] = 1.0, -1.0 / tau, 1.0 / tau

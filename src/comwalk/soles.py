@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
-from scipy.spatial import ConvexHull, QhullError
 
 from .errors import ModelError
 from .model_files import LinkMesh, mesh_vertices
@@ -138,6 +137,8 @@ def _lowest_face(points: np.ndarray, length: float) -> np.ndarray | None:
         points: Points [m], world, (n, 3).
         length: Length of the leg [m].
     """
+    from scipy.spatial import ConvexHull, QhullError
+
     try:
         hull = ConvexHull(points) if len(points) > 3 else None
     except QhullError:

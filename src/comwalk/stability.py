@@ -21,9 +21,6 @@ import math
 from typing import Any, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-import scipy.optimize
-import scipy.sparse
-from scipy.linalg import expm
 
 from .errors import ParameterError, checked_number
 from .pendulum import Pendulum
@@ -706,6 +703,8 @@ def _ramp_step(
 
     It is exact for a disturbance that is linear over the step.
     """
+    from scipy.linalg import expm
+
     a_1, a_0 = _second_order(pendulum, k_p, k_c)
     M = np.zeros((4, 4))
     M[0, 1], M[1, :3], M[2, 3] = 1.0, (-a_0, -a_1, -a_1), 1.0 / dt
@@ -822,6 +821,9 @@ def worst_case(
         >>> round(worst_case(Pendulum(), 3.0, 6.6, 0.05, 0.5, "zmp").bound, 4)
         0.0403
     """
+    from scipy import sparse
+    from scipy.optimize import linprog
+
     _check_gains(k_p, k_c, stable=True)
     a = checked_number("a", a, unit="m/s", low=0.0)
     b = checked_number("b", b, unit="m/s^2", low=0.0)
@@ -832,8 +834,8 @@ def worst_case(
     horizon = 12.0 / float(-poles(pendulum, k_p, k_c).real.max())
     dt = horizon / (n - 1)
     w = _output_weights(pendulum, k_p, k_c, output, n, dt)
-    difference = scipy.sparse.diags([-1.0, 1.0], [0, 1], shape=(n - 1, n), format="csr")
-    rates = scipy.sparse.vstack([difference, -difference])
+    difference = sparse.diags([-1.0, 1.0], [0, 1], shape=(n - 1, n), format="csr")
+    rates = sparse.vstack([difference, -difference])
     room = np.full(2 * (n - 1), b * dt)
-    answer = scipy.optimize.linprog(-w, rates, room, bounds=(-a, a), method="highs")
+    answer = linprog(-w, rates, room, bounds=(-a, a), method="highs")
     return WorstCase(float(w @ answer.x), answer.x, dt)

@@ -1,0 +1,158 @@
+"""The compiled resolution: `Resolver` and `Kinematics` in a few microseconds.
+
+`resolution` and `resolver` say what is computed and why. This is the same on flat
+records without objects, tested equal to them; what it does not solve, it hands to
+them: postures near a leg's singular ones, and limbs of unusual build.
+
+Only where numba is installed; see `compiled`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from .flat import WANTED, Flat, flatten, records
+from .handles import handle_of
+from .kernels import SOLVED, resolve_at
+from .resolution import (
+    ALL_ROWS,
+    CartesianMotion,
+    Damping,
+    JointMotion,
+    Limb,
+    Task,
+    check_task,
+)
+from .resolver import Resolver
+from .robot import LEGS, Kinematics, Robot
+
+
+class FastResolver:
+    """Resolves tasks of one robot, Eqs. (14)-(27), without making objects. Final.
+
+    The arrays are the task: change what changes, then call `resolve`.
+
+    Example:
+        >>> from comwalk.robot import load_robot
+        >>> robot = load_robot("paper")
+        >>> fast = FastResolver(robot)
+        >>> fast.com_velocity[:] = 0.1, 0.0, 0.0
+        >>> fast.resolve(robot.home).shape
+        (36,)
+    """
+
+    def __init__(
+        self,
+        robot: Robot,
+        ends: Mapping[str, Sequence[int]] | None = None,
+        damping: Damping | None = None,
+    ) -> None:
+        """Prepare a task of standing still.
+
+        Args:
+            robot: The robot.
+            ends: Limbs whose end's twist is given, and which rows of it; both legs
+                and all rows if None. The others' joint rates are given.
+            damping: How singular limbs give way.
+
+        Raises:
+            ModelError: If the robot has no such limb.
+        """
+        self.robot = robot
+        self._damping = damping or Damping()
+        self._flat, self._wanted = flatten(robot), records(WANTED)
+        self._wanted["threshold"] = self._damping.threshold
+        self._wanted["factor"] = self._damping.factor
+        self.com_velocity = self._wanted["com"][0]
+        """Wanted CoM velocity [m/s], world, (3,)."""
+        self.trunk_rate = self._wanted["trunk"][0]
+        """Wanted angular velocity of the body center [rad/s], world, (3,)."""
+        self.twists = self._flat.limbs["twist"]
+        """Wanted twists of the limbs' ends [m/s; rad/s], world, (limbs, 6)."""
+        self.rates = self._flat.links["wish"][1:]
+        """Joint rates [rad/s], (joints,): given in joint space, and wished in the null
+        space of limbs whose end is given."""
+        given = ends or dict.fromkeys(LEGS.values(), ALL_ROWS)
+        for i, limb in enumerate(robot.limbs):
+            bits = sum(1 << row for row in given.get(limb.name, ()))
+            self._flat.limbs["rows"][i] = bits
+        check_task(robot.limbs, self.task)
+        self._handle = handle_of(*self._flat, self._wanted)
+        self._v = np.zeros(6 + len(robot.joints))
+        self._solvable = can_resolve(robot, self._flat)
+        self._kinematics = Kinematics(robot)
+        self._resolver = Resolver(robot.limbs, self._damping)
+
+    def resolve(self, q: np.ndarray) -> np.ndarray:
+        """Resolve the task at a configuration.
+
+        Args:
+            q: Configuration: base position [m], quaternion wxyz, joint angles [rad],
+                contiguous floats of shape (7 + joints,).
+
+        Returns:
+            v = [xdot_o; qdot] [m/s, rad/s], world, of shape (6 + joints,); the same
+            array at every call.
+        """
+        if not self._solvable or resolve_at(self._handle, q, self._v) != SOLVED:
+            posture = self._kinematics.posture(q)
+            self._v[:] = self._resolver.resolve(posture, self.task).velocity
+        return self._v
+
+    @property
+    def task(self) -> Task:
+        """The task that the arrays stand for, whose base limb is the left leg."""
+        motions: dict[str, CartesianMotion | JointMotion] = {}
+        for i, limb in enumerate(self.robot.limbs):
+            bits, joints = int(self._flat.limbs["rows"][i]), list(limb.joints)
+            rates = self.rates[joints].copy()
+            if not bits:
+                motions[limb.name] = JointMotion(rates)
+                continue
+            rows = tuple(row for row in ALL_ROWS if bits >> row & 1)
+            wished = None if len(joints) == len(rows) == 6 else rates
+            motions[limb.name] = CartesianMotion(self.twists[i].copy(), rows, wished)
+        base = next(iter(LEGS.values()))
+        own = motions.pop(base)
+        twist = own.twist if isinstance(own, CartesianMotion) else np.zeros(6)
+        com, trunk = self.com_velocity.copy(), self.trunk_rate.copy()
+        return Task(com, base, twist, trunk, motions)
+
+
+def can_resolve(robot: Robot, flat: Flat) -> bool:
+    """Return whether the kernels can resolve a robot's tasks.
+
+    Args:
+        robot: The robot.
+        flat: Its records, with the rows of all limbs set.
+
+    Returns:
+        Whether both legs have six joints, and each limb with a given end has as many
+        joints as rows or more, hangs on joints whose rates are given, and has none that
+        leads or follows another.
+    """
+    solved = [
+        (limb, record)
+        for limb, record in zip(robot.limbs, flat.limbs, strict=True)
+        if record["rows"]
+    ]
+    own = {j for limb, _ in solved for j in limb.joints}
+    links = flat.links
+    follows = np.flatnonzero(links["leader"])
+    tied = {*(follows - 1).tolist(), *(links["leader"][follows] - 1).tolist()}
+    legs = [limb for limb, _ in solved if limb.name in LEGS.values()]
+    return (
+        len(legs) == 2
+        and all(len(leg.joints) == 6 and leg.parent is None for leg in legs)
+        and not own & tied
+        and all(_hangs_free(limb, record, own) for limb, record in solved)
+    )
+
+
+def _hangs_free(limb: Limb, record: np.void, own: set[int]) -> bool:
+    """Return whether a limb's end can be solved for once all given rates are known."""
+    carriers = record["chain"][record["own"] : record["all"]] - 1
+    enough = len(limb.joints) >= int(record["rows"]).bit_count()
+    return bool(record["site"] >= 0 and enough and not own & {*carriers.tolist()})

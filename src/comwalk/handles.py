@@ -1,0 +1,75 @@
+"""Many arrays of records as one argument of a kernel.
+
+A call of a compiled function from Python costs some 0.1 us per array, and a tick needs
+a dozen arrays that never move. A *handle* is one array with their addresses; the kernel
+makes arrays of them again, at no cost. Who makes a handle keeps its arrays alive.
+
+Only where numba is installed; see `compiled`.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numba
+import numpy as np
+from numba.core import cgutils, types
+from numba.extending import intrinsic
+
+from .compiled import kernel
+from .flat import LIMB, LINK, SITE, WANTED, Flat
+
+
+def handle_of(*arrays: np.ndarray) -> np.ndarray:
+    """Return the addresses and lengths of contiguous arrays.
+
+    Args:
+        arrays: Arrays that outlive the handle, in the order that its kernel expects.
+
+    Returns:
+        Two integers for each.
+    """
+    numbers = [(array.ctypes.data, len(array)) for array in arrays]
+    return np.array(numbers, dtype=np.int64).ravel()
+
+
+@intrinsic
+def _pointer(context: Any, address: Any) -> Any:
+    """Return an address as a pointer."""
+
+    def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
+        return builder.inttoptr(values[0], cgutils.voidptr_t)
+
+    return types.voidptr(types.int64), generate
+
+
+@kernel
+def records_at(handle: np.ndarray, k: int, dtype: Any) -> np.ndarray:
+    """Return the k-th array of a handle.
+
+    Args:
+        handle: Made by `handle_of`.
+        k: Which of its arrays.
+        dtype: What its items are.
+
+    Returns:
+        The array itself, no copy.
+    """
+    address, count = handle[2 * k], handle[2 * k + 1]
+    return numba.carray(_pointer(address), (count,), dtype)  # ty: ignore[missing-argument]
+
+
+@kernel
+def flat_at(handle: np.ndarray) -> Flat:
+    """Return the robot that the first three arrays of a handle are."""
+    return Flat(
+        records_at(handle, 0, LINK),
+        records_at(handle, 1, LIMB),
+        records_at(handle, 2, SITE),
+    )
+
+
+@kernel
+def wanted_at(handle: np.ndarray) -> np.ndarray:
+    """Return what is wanted of the whole body: the fourth array of a handle."""
+    return records_at(handle, 3, WANTED)

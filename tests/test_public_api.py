@@ -17,10 +17,10 @@ import comwalk as cw
 PUBLIC = {
     "BodySettings", "ComwalkError", "Control", "ControlSettings", "Foothold",
     "Footstep", "FootstepPlan", "Gains", "Gait", "Outcome", "Pattern", "Pendulum",
-    "Push", "Robot", "Run", "SimulatorSettings", "builtin_motion", "default_gains",
-    "default_gait", "default_pendulum", "embed_in", "load_motion", "load_plan",
-    "load_robot", "make_pattern", "plan_steps", "simulate", "simulate_pendulum",
-    "walk_pattern",
+    "Push", "Robot", "Run", "SimulatorSettings", "builtin_motion", "certify",
+    "default_gains", "default_gait", "default_pendulum", "embed_in", "load_motion",
+    "load_plan", "load_robot", "make_pattern", "plan_steps", "simulate",
+    "simulate_pendulum", "walk_pattern",
 }  # fmt: skip
 
 

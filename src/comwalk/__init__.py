@@ -22,6 +22,7 @@ from importlib import import_module, metadata
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from .certificate import certify as certify
     from .control import ControlSettings as ControlSettings
     from .control import Gains as Gains
     from .dances import builtin_motion as builtin_motion
@@ -53,6 +54,7 @@ if TYPE_CHECKING:
     from .walk import Outcome as Outcome
 
 _PUBLIC = {
+    "certificate": ("certify",),
     "control": ("ControlSettings", "Gains"),
     "errors": ("ComwalkError",),
     "footsteps": (

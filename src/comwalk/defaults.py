@@ -16,6 +16,7 @@ from typing import Any
 
 import numpy as np
 
+from .certificate import SoleRoom
 from .control import PAPER_GAINS, ControlSettings, Gains
 from .errors import ComwalkError, ParameterError, PlanError, checked_number
 from .feasibility import feasibility
@@ -248,6 +249,25 @@ def sole_size(robot: Robot) -> tuple[float, float]:
     extents = [2.0 * np.abs(foot.sole).max(axis=0) for foot in robot.feet.values()]
     length, width = np.max(extents, axis=0).round(9).tolist()
     return length, width
+
+
+def sole_room(robot: Robot) -> SoleRoom:
+    """Return how far the ZMP of a robot may be from its plan before a sole tips.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        On one foot half of the sole's length and width; on both feet, as far apart as
+        in the home posture, half of the width of both.
+    """
+    length, width = sole_size(robot)
+    left, right = _home_posture(robot).ends[:2, :2]
+    apart = float(np.hypot(*(left - right)))
+    return SoleRoom(
+        walking=(0.5 * length, 0.5 * width),
+        standing=(0.5 * length, 0.5 * (width + apart)),
+    )
 
 
 def walk_pattern(

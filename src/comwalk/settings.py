@@ -155,6 +155,23 @@ class Control:
                 raise ParameterError(f"control.{name} must be a {kind.__name__}")
         checked_number("period", self.period, unit="s", low=1e-4, high=0.1)
 
+    def loop(self, servo_lag: float = 0.02) -> SampledLoop:
+        """Return the loop that this controller closes on a robot.
+
+        Args:
+            servo_lag: Time constant between u and the CoM's velocity [s].
+
+        Returns:
+            Its period and filter; what is measured is one tick older than what the
+            reference is matched to.
+        """
+        return SampledLoop(
+            period=self.period,
+            servo_lag=servo_lag,
+            zmp_cutoff=self.settings.zmp_cutoff,
+            delay=self.settings.delay + 1,
+        )
+
     def check(self, pattern: Pattern, servo_lag: float = 0.02) -> None:
         """Refuse unstable gains.
 
@@ -165,13 +182,7 @@ class Control:
         Raises:
             ParameterError: If the ideal or the sampled loop is unstable.
         """
-        loop = SampledLoop(
-            period=self.period,
-            servo_lag=servo_lag,
-            zmp_cutoff=self.settings.zmp_cutoff,
-            delay=self.settings.delay + 1,
-        )
-        check_gains(self.gains, pattern.pendulum, loop)
+        check_gains(self.gains, pattern.pendulum, self.loop(servo_lag))
 
 
 def _listed(value: object) -> list[object]:

@@ -821,9 +821,6 @@ def worst_case(
         >>> round(worst_case(Pendulum(), 3.0, 6.6, 0.05, 0.5, "zmp").bound, 4)
         0.0403
     """
-    from scipy import sparse
-    from scipy.optimize import linprog
-
     _check_gains(k_p, k_c, stable=True)
     a = checked_number("a", a, unit="m/s", low=0.0)
     b = checked_number("b", b, unit="m/s^2", low=0.0)
@@ -834,8 +831,33 @@ def worst_case(
     horizon = 12.0 / float(-poles(pendulum, k_p, k_c).real.max())
     dt = horizon / (n - 1)
     w = _output_weights(pendulum, k_p, k_c, output, n, dt)
+    eps = worst_disturbance(w, a, np.full(n - 1, b * dt))
+    return WorstCase(float(w @ eps), eps, dt)
+
+
+def worst_disturbance(weights: np.ndarray, a: float, rises: np.ndarray) -> np.ndarray:
+    """Return the bounded samples of a disturbance whose weighted sum is largest.
+
+    A linear program, solved by HiGHS.
+
+    Args:
+        weights: Weight of each sample, of shape (n,).
+        a: Bound on the samples, 0 or above.
+        rises: Bounds on the differences of neighbours, of shape (n - 1,).
+
+    Returns:
+        The samples, of shape (n,).
+
+    Example:
+        >>> worst_disturbance(np.array([-1.0, 1.0]), 5.0, np.array([2.0])).tolist()
+        [-5.0, -3.0]
+    """
+    from scipy import sparse
+    from scipy.optimize import linprog
+
+    n = len(weights)
     difference = sparse.diags([-1.0, 1.0], [0, 1], shape=(n - 1, n), format="csr")
     rates = sparse.vstack([difference, -difference])
-    room = np.full(2 * (n - 1), b * dt)
-    answer = linprog(-w, rates, room, bounds=(-a, a), method="highs")
-    return WorstCase(float(w @ answer.x), answer.x, dt)
+    room = np.concatenate([rises, rises])
+    answer = linprog(-weights, rates, room, bounds=(-a, a), method="highs")
+    return answer.x

@@ -149,17 +149,6 @@ def test_footprints_are_where_the_soles_stood(walked):
         assert log["phase"][row] in (Phase.DOUBLE, Phase.STOP)
 
 
-def test_smoothed_path_has_no_sway():
-    """A sway of the window's period vanishes, the mean motion stays."""
-    t = np.arange(0.0, 10.0, 0.01)
-    path = np.column_stack([0.2 * t, 0.05 * np.sin(math.pi * t)])
-    smooth = render._smoothed(path, t, window=2.0)
-    assert smooth.shape == path.shape
-    inner = slice(110, -110)
-    assert np.abs(smooth[inner, 0] - path[inner, 0]).max() < 1e-9
-    assert np.abs(smooth[inner, 1]).max() < 1e-3
-
-
 def test_simplified_model_cannot_be_drawn(tmp_path):
     """A run without a robot is refused."""
     run = simulate_pendulum(make_pattern(plan_steps(Gait(), 1), Pendulum()))

@@ -8,6 +8,7 @@ Every error is a `ComwalkError` and also the builtin that a caller would expect:
     * MotionError (ValueError): an embedded motion that cannot be played
     * ModelError (LookupError): a robot model that is missing, broken or incomplete
     * RunError (ValueError): a run folder that cannot be written or read
+    * ViewError (OSError): a page that cannot be served or shown
 
 A fall is not an error: it is an outcome (`comwalk.Outcome`).
 """
@@ -42,6 +43,10 @@ class ModelError(ComwalkError, LookupError):
 
 class RunError(ComwalkError, ValueError):
     """A run folder cannot be written, or is not one that comwalk wrote."""
+
+
+class ViewError(ComwalkError, OSError):
+    """A page cannot be served: its port is in use, or a package is missing."""
 
 
 def checked_number(

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Generator, Mapping, Sequence
+from collections.abc import Callable, Generator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
@@ -23,7 +23,8 @@ from .footsteps import Side
 from .gl import no_opengl, open_context
 from .pattern import Phase
 from .polygon import convex_hull
-from .run import Run, load_recording
+from .recording import highest_box, recording_of, sole_box
+from .run import Run
 from .spatial import yaw_of_quaternion
 
 
@@ -248,44 +249,18 @@ def _write(
 
 def _recording(source: Run | str | Path) -> _Recording:
     """Return what there is to see of a run or of its folder."""
-    columns: Mapping[str, np.ndarray]
-    if isinstance(source, Run):
-        if source.scene is None:
-            raise RunError("the simplified model cannot be drawn; run it with a robot")
-        model, columns = source.scene, source.log.columns
-    else:
-        model, columns = load_recording(source)
-    qpos = columns["qpos"]
-    if not np.isfinite(qpos).all():
-        raise RunError("the run holds configurations that are no numbers")
-    com = columns["com_true"] if "com_true" in columns else columns["com"]
+    run = recording_of(source)
+    columns = run.columns
     return _Recording(
-        model=model,
-        t=columns["t"],
-        qpos=qpos,
-        com=com,
+        model=run.model,
+        t=run.t,
+        qpos=columns["qpos"],
+        com=run.com,
         zmp=columns["zmp_filtered"],
-        prints=_footprints(model, qpos, columns["t"], columns["phase"]),
-        center=_smoothed(qpos[:, :2], columns["t"]),
-        ground=_highest_box(model),
+        prints=_footprints(run.model, columns["qpos"], run.t, columns["phase"]),
+        center=run.center,
+        ground=highest_box(run.model),
     )
-
-
-def _highest_box(model: mujoco.MjModel) -> float:
-    """Return the height of the highest box of a rough floor [m], 0 without one."""
-    box = (model.geom_bodyid == 0) & (model.geom_type == int(mujoco.mjtGeom.mjGEOM_BOX))
-    tops = model.geom_pos[box, 2] + model.geom_size[box, 2]
-    return float(tops.max(initial=0.0))
-
-
-def _smoothed(path: np.ndarray, t: np.ndarray, window: float = 2.0) -> np.ndarray:
-    """Return a path without its sway: the mean over a window of time [s]."""
-    if len(t) < 3:
-        return path
-    half = max(1, round(0.5 * window / float(t[1] - t[0])))
-    padded = np.pad(path, ((half + 1, half), (0, 0)), mode="edge")
-    sums = np.cumsum(padded, axis=0)
-    return (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
 
 
 def _footprints(
@@ -302,35 +277,10 @@ def _footprints(
             data.qpos[:] = qpos[(first + last) // 2]
             mujoco.mj_kinematics(model, data)
             lifted = float(t[last]) if last < len(t) else math.inf
-            box = _sole_box(model, data, side)
+            box = sole_box(model, data, side)
             if box is not None:
                 prints.append(_Print(float(t[first]), lifted, side, *box))
     return tuple(prints)
-
-
-def _sole_box(
-    model: mujoco.MjModel, data: mujoco.MjData, side: Side
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray] | None:
-    """Return corners, centre, rotation and size of the box around a foot's contacts."""
-    site = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SITE, f"{side.value[0]}_sole")
-    if site < 0:
-        return None
-    collides = (model.geom_contype | model.geom_conaffinity) > 0
-    geoms = np.flatnonzero(collides & (model.geom_bodyid == model.site_bodyid[site]))
-    R, origin = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
-    points = np.vstack([_corners(model, data, geom) for geom in geoms]) - origin
-    low, high = (points @ R).min(axis=0), (points @ R).max(axis=0)
-    center, size = origin + R @ (0.5 * (low + high)), 0.5 * (high - low)
-    local = size[:2] * np.array([[1, 1], [-1, 1], [-1, -1], [1, -1]])
-    return center[:2] + local @ R[:2, :2].T, center, R.copy(), size
-
-
-def _corners(model: mujoco.MjModel, data: mujoco.MjData, geom: int) -> np.ndarray:
-    """Return the corners of the box around a geom [m], world, of shape (8, 3)."""
-    signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
-    middle, size = model.geom_aabb[geom, :3], model.geom_aabb[geom, 3:]
-    R = data.geom_xmat[geom].reshape(3, 3)
-    return data.geom_xpos[geom] + (middle + signs * size) @ R.T
 
 
 # ---- Drawing ----------------------------------------------------------------------

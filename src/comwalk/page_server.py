@@ -1,0 +1,75 @@
+"""The server of a page in the browser: where it listens, and what stands in its way."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import Generator
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+from .errors import ViewError
+
+if TYPE_CHECKING:
+    import viser
+
+
+@contextmanager
+def open_server(host: str = "127.0.0.1", port: int = 0) -> Generator[viser.ViserServer]:
+    """Open a page's server; close it without a word.
+
+    Args:
+        host: Address to listen at.
+        port: Port; 0 for any that is free.
+
+    Yields:
+        The server.
+
+    Raises:
+        ViewError: If the port is in use, or the address is not this machine's.
+    """
+    import viser
+
+    check_free(host, port)
+    with _silent_rich():
+        server = viser.ViserServer(host=host, port=port, label="comwalk", verbose=False)
+    try:
+        yield server
+    finally:
+        with _silent_rich():
+            server.stop()
+
+
+@contextmanager
+def _silent_rich() -> Generator[None]:
+    """Keep viser, which prints by rich, from greeting and from saying goodbye."""
+    import rich
+
+    console = rich.get_console()
+    quiet, console.quiet = console.quiet, True
+    try:
+        yield
+    finally:
+        console.quiet = quiet
+
+
+def check_free(host: str, port: int) -> None:
+    """Refuse a port that a page cannot be served at.
+
+    Args:
+        host: Address to listen at.
+        port: Port; 0 for any that is free.
+
+    Raises:
+        ViewError: If it is in use, or the address is not this machine's.
+    """
+    try:
+        kind = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
+        with socket.socket(kind[0], kind[1]) as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            probe.bind(kind[4])
+    except (OSError, OverflowError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise ViewError(
+            f"cannot serve a page at {host}:{port}: {reason}; choose another --port, "
+            "or 0 for any that is free"
+        ) from None

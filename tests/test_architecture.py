@@ -30,6 +30,8 @@ ORDER = (
     "motion_files",
     "pattern",
     "lookup",
+    "planning",
+    "replanning",
     "stability",
     "sampled",
     "bounds",

@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
 from .control import ControlOutput, WalkingController
 from .errors import ModelError, checked_number
-from .pattern import Pattern, Phase, Reference
+from .pattern import Phase, Reference
 from .plant import Command, Plant, Sensors
 from .sensing import Measurement
 from .whole_body import Body
@@ -102,8 +102,21 @@ class Tick(NamedTuple):
     """Time that all this took to compute [s]."""
 
 
+class Walkable(Protocol):
+    """What can be walked: a `Pattern`, or an `OnlinePattern` that is commanded."""
+
+    @property
+    def duration(self) -> float:
+        """When the walk ends [s]."""
+        ...
+
+    def at(self, time: float) -> Reference:
+        """Return the reference at a time [s], not before that of the last call."""
+        ...
+
+
 def walk(
-    pattern: Pattern,
+    pattern: Walkable,
     controller: WalkingController,
     body: Body,
     plant: Plant,

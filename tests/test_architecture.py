@@ -80,6 +80,11 @@ ORDER = (
     "description",
     # The loop, its record and its pictures.
     "walk",
+    "tick_records",
+    "measure_kernels",
+    "act_kernels",
+    "tick_kernels",
+    "tick",
     "log",
     "summary",
     "plot",

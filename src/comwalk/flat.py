@@ -66,6 +66,7 @@ WANTED = np.dtype(
         ("Y", "f8", (6, 6)),
         ("s", "f8", 6),
         ("b", "f8", 3),
+        ("scratch", "f8", 7),
     ],
     align=True,
 )

@@ -21,9 +21,22 @@ from .settings import BodySettings
 FOOT_INDEX = {side: k for k, side in enumerate(Side)}
 """Row of each foot in arrays of both."""
 
-_RETURN = 0.1  # time constant of a swinging foot's return to its path [s]
-_SETTLE = 2.0  # time constant of the body's return to its height over the feet [s]
-_LEAN = 0.2  # time constant in which a sole is taken to lie as the IMU says [s]
+RETURN_TIME = 0.1
+"""Time constant of a swinging foot's return to its path [s]."""
+SETTLE_TIME = 2.0
+"""Time constant of the body's return to its height over the feet [s]."""
+LEAN_TIME = 0.2
+"""Time constant in which a sole is taken to lie as the IMU says [s]."""
+RECOVERING = 0.015
+"""CoM error above which the soles are kept as they are [m]."""
+CAUTION = 0.1
+"""How much slower the IMU is believed while the robot recovers [-]."""
+EDGE = 0.7
+"""Share of the sole's half size beyond which it stands on its edge [-]."""
+TOLERANCE = 0.25
+"""Share of the weight by which a landing may differ from its plan [-]."""
+REACH = 0.05
+"""Farthest that a foot leaves its plan up or down [m]."""
 
 
 class Place(NamedTuple):
@@ -155,7 +168,7 @@ class Footing:
             1.0 - 2.0 * (x * x + y * y),
         )  # the world's vertical, in the IMU's frame
         seen = (imu @ up) @ soles  # (2, 3), in each sole's frame
-        share = self._share * (_CAUTION if self._recovers else 1.0)
+        share = self._share * (CAUTION if self._recovers else 1.0)
         self._up += share * (seen[:, :2] - self._up)
 
     def level(self, soles: np.ndarray, side: Side) -> np.ndarray:
@@ -208,17 +221,17 @@ class Footing:
                 sole's half length and half width, (2, 2); zero for a foot in the air.
             com_error: CoM ahead of its reference [m], world, (2,).
         """
-        self._recovers = math.hypot(*com_error.tolist()) > _RECOVERING
+        self._recovers = math.hypot(*com_error.tolist()) > RECOVERING
         single = reference.phase in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT)
         swing, planned = reference.support.other, planned_share(reference)
         surplus = left_share - planned
-        surplus -= min(max(surplus, -_TOLERANCE), _TOLERANCE)
+        surplus -= min(max(surplus, -TOLERANCE), TOLERANCE)
         for side in Side:
             swings = single and side is swing
             self._land(side, reference, swings, surplus * side.sign)
             self._lie(side, swings, edges)
         if single:
-            keep = 1.0 - self._period / _RETURN
+            keep = 1.0 - self._period / RETURN_TIME
             dx, dy, dyaw = self._offsets[swing]
             self._offsets[swing] = (keep * dx, keep * dy, keep * dyaw)
 
@@ -230,12 +243,12 @@ class Footing:
         if not self._settings.landing:
             return
         if swings and (surplus <= 0.0 or reference.foot(side).velocity[2] > 0.0):
-            self.heights[side] = h - dt / _RETURN * h
+            self.heights[side] = h - dt / RETURN_TIME * h
             return
         if reference.phase is Phase.DOUBLE or swings:
             rate = 0.5 if reference.phase is Phase.DOUBLE else 1.0
             h += rate * dt * self._settings.landing * surplus
-        self.heights[side] = min(max(h - dt / _SETTLE * h, -_REACH), _REACH)
+        self.heights[side] = min(max(h - dt / SETTLE_TIME * h, -REACH), REACH)
 
     def _lie(self, side: Side, swings: bool, edges: np.ndarray) -> None:
         """Let a sole lie as the IMU says it does, and a swinging one be level.
@@ -248,18 +261,11 @@ class Footing:
             return
         k, dt = FOOT_INDEX[side], self._period
         if swings:
-            self.leans[k] -= dt / _RETURN * self.leans[k]
+            self.leans[k] -= dt / RETURN_TIME * self.leans[k]
             return
         if self._recovers:
             return
-        self.leans[k] += dt / _LEAN * (self._up[k] - self.leans[k])
+        self.leans[k] += dt / LEAN_TIME * (self._up[k] - self.leans[k])
         edge = np.clip(edges[k], -1.0, 1.0)
-        past = np.sign(edge) * np.maximum(np.abs(edge) - _EDGE, 0.0) / (1.0 - _EDGE)
+        past = np.sign(edge) * np.maximum(np.abs(edge) - EDGE, 0.0) / (1.0 - EDGE)
         self.leans[k] += dt * self._settings.rolling * past
-
-
-_RECOVERING = 0.015  # CoM error above which the soles are kept as they are [m]
-_CAUTION = 0.1  # how much slower the IMU is believed while the robot recovers [-]
-_EDGE = 0.7  # share of the sole's half size beyond which it stands on its edge
-_TOLERANCE = 0.25  # share of the weight by which a landing may differ from its plan
-_REACH = 0.05  # farthest that a foot leaves its plan up or down [m]

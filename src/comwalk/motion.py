@@ -96,6 +96,14 @@ class Motion:
         """Length of the recording, or of one cycle if it loops [s]."""
         return self._knots[-1]
 
+    @property
+    def spline(self) -> tuple[np.ndarray, np.ndarray]:
+        """Knots [s], of shape (n,), and the cubics between them, (n - 1, 4, m).
+
+        A cubic is in the time since its knot, its highest power first.
+        """
+        return self.times, self._segments
+
     def at(self, t: float) -> tuple[np.ndarray, np.ndarray]:
         """Return the angles and rates at a time.
 

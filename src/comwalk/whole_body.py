@@ -18,13 +18,23 @@ from .footsteps import Side
 from .motion import EmbeddedMotion
 from .pattern import Reference
 from .plant import Command, Sensors
-from .resolution import CartesianMotion, JointMotion, Posture, Resolution, Task
+from .resolution import (
+    CartesianMotion,
+    Damping,
+    JointMotion,
+    Posture,
+    Resolution,
+    Task,
+)
 from .resolver import RateLimits, Resolver
 from .robot import LEGS, Foot, Kinematics, Robot
 from .sensing import Contact, Measurement, tilt_of, zmp_from_wrenches
 from .settings import BodySettings
 from .spatial import level_error, rotate_twist, yaw_of
 from .weighing import Weighing
+
+RECKONING = 5.0
+"""Feedback of the supporting foot to its dead reckoning [1/s]."""
 
 
 class Body(Protocol):
@@ -100,7 +110,8 @@ class WholeBody:
         self.settings = settings or BodySettings()
         self.configuration = robot.home.copy()
         self.resolution: Resolution | None = None
-        self._motion = motion
+        self.motion = motion
+        """Motion of arms, waist or head; None if there is none."""
         self._commanded = Kinematics(robot, LEGS.values())
         self._sensed = Kinematics(robot, LEGS.values())
         self._resolver = Resolver(robot.limbs)
@@ -140,7 +151,7 @@ class WholeBody:
         # Columns: force, torque, CoM of the foot, in the frame of its sensor.
         self._ankle_vectors = np.zeros((2, 3, 3))
         self._ankle_vectors[:, :, 2] = [foot.com for foot in feet]
-        self._soles = [_sole_sensor(self._sensed, foot) for foot in feet]
+        self._soles = [sole_sensor(robot, foot) for foot in feet]
 
     def start(self, reference: Reference) -> Command:
         """Find the posture of the reference and return its set-points.
@@ -291,6 +302,8 @@ class WholeBody:
             Set-points of all joints.
         """
         resolution = self._resolve(control, reference, self.settings.feedback)
+        if self.robot.coupling is not None:
+            self.robot.coupling.unfold(resolution.velocity)
         self.resolution = resolution
         self.configuration = self._commanded.integrate(
             self.configuration,
@@ -299,6 +312,27 @@ class WholeBody:
             resolution.posture.rotation,
         )
         return self._set_points(resolution, reference)
+
+    def resolve(self, task: Task) -> np.ndarray:
+        """Resolve a task at the commanded configuration, within joint limits.
+
+        Args:
+            task: What is asked.
+
+        Returns:
+            v = [xdot_o; qdot] [m/s, rad/s], world, of shape (6 + joints,).
+        """
+        posture = self._commanded.posture(self.configuration)
+        resolution = self._resolver.resolve_within(posture, task, self._rate_limits())
+        if self.robot.coupling is not None:
+            self.robot.coupling.unfold(resolution.velocity)
+        self.resolution = resolution
+        return resolution.velocity
+
+    @property
+    def damping(self) -> Damping:
+        """How singular limbs give way."""
+        return self._resolver.damping
 
     def _resolve(
         self,
@@ -349,7 +383,7 @@ class WholeBody:
             R = R @ tilt_matrix(footing.leans[k].tolist()).T
         e_x, e_y, e_z = level_error(yaw_d, R).tolist()
         v_x, v_y, v_z = foot.velocity.tolist()
-        K_p = min(K, _RECKONING) if side is reference.support else K
+        K_p = min(K, RECKONING) if side is reference.support else K
         return np.array(
             [
                 v_x + K_p * (x_d - x),
@@ -364,9 +398,9 @@ class WholeBody:
     def _joint_motions(self, t: float, K: float) -> dict[str, JointMotion]:
         """Return the rates of all limbs but the legs: the dance, or back to home."""
         rates = K * (self._home - self.configuration[7:])
-        if self._motion is not None and self.settings.embed_motion:
+        if self.motion is not None and self.settings.embed_motion:
             dancing = self._dancing
-            positions, forward = self._motion.at(t)
+            positions, forward = self.motion.at(t)
             rates[dancing] += K * (positions - self._home[dancing]) + forward
         return {n: JointMotion(rates[joints]) for n, joints in self._free}
 
@@ -407,8 +441,8 @@ class WholeBody:
             torques = self._planned_torques(resolution, reference)
             torques *= self._weighing.heaviness
             q += (torques + self.robot.servo.damping * rates) / self._stiffness
-        if self._motion is not None and not self.settings.embed_motion:
-            q[self._dancing], _ = self._motion.at(reference.time)
+        if self.motion is not None and not self.settings.embed_motion:
+            q[self._dancing], _ = self.motion.at(reference.time)
         return Command(q, rates)
 
     def _planned_torques(
@@ -429,24 +463,31 @@ class WholeBody:
         return carried[6:] - np.array(shares) @ posture.jacobian[3:15, 6:]
 
 
-class _SoleSensor(NamedTuple):
+class SoleSensor(NamedTuple):
     """How an ankle sensor is over its sole."""
 
-    turn: np.ndarray  # sensor axes to the sole's, for force and torque, (6, 6)
-    arm: tuple[float, float, float]  # sensor from the sole's centre [m], sole's axes
-    half_length: float  # [m]
-    half_width: float  # [m]
+    turn: np.ndarray
+    """Sensor axes to the sole's, for force and torque, (6, 6)."""
+    arm: tuple[float, float, float]
+    """Sensor from the sole's centre [m], sole's axes."""
+    half_length: float
+    """Half the length of the sole [m]."""
+    half_width: float
+    """Half the width of the sole [m]."""
 
 
-def _sole_sensor(kinematics: Kinematics, foot: Foot) -> _SoleSensor:
-    """Return how a foot's sensor is over its sole."""
-    kinematics.update(kinematics.robot.home)
+def sole_sensor(robot: Robot, foot: Foot) -> SoleSensor:
+    """Return how a foot's sensor is over its sole.
+
+    Args:
+        robot: The robot.
+        foot: One of its feet.
+    """
+    kinematics = Kinematics(robot, ())
+    kinematics.update(robot.home)
     (sole, sensor), (R_sole, R_sensor) = kinematics.sites(
         np.array([foot.site, foot.sensor_site])
     )
     x, y, z = ((sensor - sole) @ R_sole).tolist()
     length, width = np.abs(foot.sole).max(axis=0).tolist()
-    return _SoleSensor(rotate_twist(R_sole.T @ R_sensor), (x, y, z), length, width)
-
-
-_RECKONING = 5.0  # feedback of the supporting foot to its dead reckoning [1/s]
+    return SoleSensor(rotate_twist(R_sole.T @ R_sensor), (x, y, z), length, width)

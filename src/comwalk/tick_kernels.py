@@ -1,0 +1,206 @@
+"""The compiled control tick: from sensors to set-points in one call.
+
+It puts `lookup`, `measure_kernels`, `act_kernels` and `kernels` in the order of
+`walk.walk`. What a tick knows lies in the arrays of a handle, in the order of `Arrays`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from . import rows as r
+from .act_kernels import (
+    control,
+    dance_at,
+    integrate,
+    keeps_limits,
+    plan_torques,
+    set_points,
+    want,
+)
+from .compiled import kernel
+from .flat import Flat
+from .handles import flat_at, records_at, wanted_at
+from .kernels import SOLVED, Record, find_levers, place_links, resolve
+from .lookup import fill_reference
+from .measure_kernels import measure
+from .tick_records import DANCE, JOINT, RULES, STATE
+
+DONE, HANDED_OVER, ENCODERS, WRENCHES, ORIENTATION, TILTED, ASTRAY, LIFTED = range(8)
+"""What a tick ends with: done; to be resolved by `Resolver`; sensors that read no
+numbers; falls."""
+
+_F8, _I8 = np.dtype(np.float64), np.dtype(np.int64)
+
+
+class Arrays(NamedTuple):
+    """All that a tick reads and writes."""
+
+    links: np.ndarray
+    """Records of `LINK`: the robot, and workspace."""
+    limbs: np.ndarray
+    """Records of `LIMB`."""
+    sites: np.ndarray
+    """Records of `SITE`: soles, ankle sensors, IMU, limbs' ends."""
+    wanted: np.ndarray
+    """One record of `WANTED`."""
+    rules: np.ndarray
+    """One record of `RULES`."""
+    state: np.ndarray
+    """One record of `STATE`."""
+    joints: np.ndarray
+    """Records of `JOINT`."""
+    dance: np.ndarray
+    """One record of `DANCE`."""
+    moved: np.ndarray
+    """Joints that the embedded motion moves."""
+    knots: np.ndarray
+    """Its knots [s]."""
+    cubics: np.ndarray
+    """Its cubics, one after the other."""
+    past: np.ndarray
+    """Reference CoM and ZMP of the last ticks, four numbers each."""
+    table: np.ndarray
+    """The pattern's phases, `rows.PHASE_SIZE` numbers each."""
+    row: np.ndarray
+    """The reference, `rows.ROW_SIZE` numbers."""
+    q: np.ndarray
+    """Commanded configuration."""
+    v: np.ndarray
+    """Its velocity [xdot_o; qdot]."""
+    out: np.ndarray
+    """Set-points of the joints [rad]."""
+    sensed: np.ndarray
+    """The body center at the origin, then what the encoders read [rad]."""
+    felt: np.ndarray
+    """What both ankle sensors feel (12), and the IMU's quaternion wxyz."""
+
+
+@kernel
+def _floats(handle: np.ndarray, k: int) -> np.ndarray:
+    """Return the k-th array of a handle, of numbers."""
+    return records_at(handle, k, _F8)
+
+
+@kernel
+def _guard_sensors(sensed: np.ndarray, felt: np.ndarray) -> int:
+    """Return what is wrong with the sensors; `walk._Guard.check_sensors`."""
+    total = 0.0
+    for k in range(7, len(sensed)):
+        total += sensed[k] * sensed[k]
+    if not math.isfinite(total):
+        return ENCODERS
+    total = 0.0
+    for k in range(12):
+        total += felt[k] * felt[k]
+    if not math.isfinite(total):
+        return WRENCHES
+    for k in range(12, 16):
+        total += felt[k] * felt[k]
+    return DONE if math.isfinite(total) else ORIENTATION
+
+
+@kernel
+def _guard(rules: Record, state: Record, row: np.ndarray) -> int:
+    """Return whether the robot falls; `walk._Guard.check`."""
+    if state.trunk_tilt > rules.tilt:
+        return TILTED
+    x, y = state.com[0] - row[r.COM], state.com[1] - row[r.COM + 1]
+    state.missed = math.hypot(x, y)
+    if not state.missed < rules.com_error:
+        return ASTRAY
+    state.heaviest = max(state.heaviest, state.load)
+    if state.load >= rules.least_load * state.heaviest:
+        state.lightened = math.nan
+    elif math.isnan(state.lightened):
+        state.lightened = row[r.TIME]
+    elif row[r.TIME] - state.lightened > rules.patience:
+        return LIFTED
+    return DONE
+
+
+@kernel
+def _sense(flat: Flat, handle: np.ndarray, rules: Record, state: Record) -> int:
+    """Measure, and watch over what is measured."""
+    row, sensed, felt = _floats(handle, 13), _floats(handle, 17), _floats(handle, 18)
+    fault = _guard_sensors(sensed, felt)
+    if fault != DONE:
+        return fault
+    measure(flat, rules, state, sensed, felt, row, wanted_at(handle)[0].scratch)
+    return _guard(rules, state, row)
+
+
+@kernel
+def look_up(handle: np.ndarray, time: float) -> None:
+    """Write the reference at a time into the row."""
+    rules, table = records_at(handle, 4, RULES)[0], _floats(handle, 12)
+    phases = table.reshape((len(table) // r.PHASE_SIZE, r.PHASE_SIZE))
+    fill_reference(phases, rules.omega, rules.height, time, _floats(handle, 13))
+
+
+@kernel
+def _place_commanded(flat: Flat, handle: np.ndarray, rules: Record) -> None:
+    """Place the robot as commanded, and find where its motion is."""
+    row, joints = _floats(handle, 13), records_at(handle, 6, JOINT)
+    place_links(flat, _floats(handle, 14))
+    find_levers(flat)
+    if rules.compensate:
+        plan_torques(flat, rules, row, joints)
+    dance, moved = records_at(handle, 7, DANCE)[0], records_at(handle, 8, _I8)
+    if len(moved):
+        knots, cubics = _floats(handle, 9), _floats(handle, 10)
+        dance_at(dance, moved, knots, cubics, joints, row[r.TIME])
+
+
+@kernel
+def act(handle: np.ndarray) -> int:
+    """Find the velocity of all joints, after `look_up` and a measurement.
+
+    Returns:
+        DONE, or HANDED_OVER where `Resolver` has to find it.
+    """
+    flat, wanted, v = flat_at(handle), wanted_at(handle)[0], _floats(handle, 15)
+    rules, state = records_at(handle, 4, RULES)[0], records_at(handle, 5, STATE)[0]
+    joints, moved = records_at(handle, 6, JOINT), records_at(handle, 8, _I8)
+    past, row, q = _floats(handle, 11), _floats(handle, 13), _floats(handle, 14)
+    control(rules, state, past.reshape((len(past) // 4, 4)), row)
+    _place_commanded(flat, handle, rules)
+    want(flat, rules, state, wanted, joints, moved, q, row)
+    if resolve(flat, wanted, v) != SOLVED or not keeps_limits(rules, joints, q, v):
+        return HANDED_OVER
+    return DONE
+
+
+@kernel
+def finish(handle: np.ndarray) -> None:
+    """Move the commanded configuration by its velocity, and write the set-points."""
+    flat, q, v = flat_at(handle), _floats(handle, 14), _floats(handle, 15)
+    rules, state = records_at(handle, 4, RULES)[0], records_at(handle, 5, STATE)[0]
+    joints, moved = records_at(handle, 6, JOINT), records_at(handle, 8, _I8)
+    integrate(flat, q, v, rules.period)
+    set_points(rules, state, joints, moved, q, v, _floats(handle, 16))
+
+
+@kernel
+def tick(handle: np.ndarray, time: float) -> int:
+    """Go through one control period.
+
+    Args:
+        handle: Of `Arrays`; encoders, wrenches and IMU are set.
+        time: Time since the plan's start [s].
+
+    Returns:
+        DONE, with set-points written; HANDED_OVER, to be followed by a resolution and
+        `finish`; or why the walk has to end.
+    """
+    look_up(handle, time)
+    rules, state = records_at(handle, 4, RULES)[0], records_at(handle, 5, STATE)[0]
+    status = _sense(flat_at(handle), handle, rules, state)
+    if status == DONE:
+        status = act(handle)
+    if status == DONE:
+        finish(handle)
+    return status

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
+from threading import Lock
 from typing import Any
 
 import numpy as np
@@ -16,7 +18,11 @@ Columns = Mapping[str, np.ndarray]
 
 
 class Log:
-    """Rows of a run, in arrays allocated beforehand. Final."""
+    """Rows of a run, in arrays allocated beforehand. Final.
+
+    The loop only hands a row over; many rows at a time become numbers in arrays, in
+    whichever thread asks for them first. So nothing in a row may change later.
+    """
 
     def __init__(
         self, capacity: int, extra: Callable[[], Mapping[str, Any]] | None = None
@@ -28,13 +34,15 @@ class Log:
             extra: Returns more columns of a row, such as a simulator's state.
         """
         self._capacity = capacity
-        self._extra = extra
+        self._extra = extra or dict
         self._arrays: dict[str, np.ndarray] = {}
         self._rows = 0
+        self._waiting: deque[tuple[Tick, Mapping[str, Any]]] = deque()
+        self._lock = Lock()
 
     def __len__(self) -> int:
         """Return the number of rows."""
-        return self._rows
+        return self._rows + len(self._waiting)
 
     def __getitem__(self, column: str) -> np.ndarray:
         """Return a column.
@@ -48,13 +56,14 @@ class Log:
         Raises:
             RunError: If the run has no such column.
         """
-        if column not in self._arrays:
-            raise RunError(f'no column "{column}"; there are {", ".join(self._arrays)}')
-        return self._arrays[column][: self._rows]
+        columns = self.columns
+        if column not in columns:
+            raise RunError(f'no column "{column}"; there are {", ".join(columns)}')
+        return columns[column]
 
     def __contains__(self, column: str) -> bool:
         """Return whether the run has a column."""
-        return column in self._arrays
+        return column in self.columns
 
     def record(self, tick: Tick) -> None:
         """Append a row.
@@ -62,49 +71,74 @@ class Log:
         Args:
             tick: One control period.
         """
-        reference, sensors, measured, control, command, seconds = tick
-        row = {
-            "t": reference.time,
-            "phase": int(reference.phase),
-            "step": reference.step,
-            "com": measured.com,
-            "com_ref": reference.com,
-            "zmp": measured.zmp,
-            "zmp_ref": reference.zmp,
-            "zmp_filtered": control.zmp_filtered,
-            "zmp_ref_filtered": control.zmp_reference,
-            "com_command": control.com_command,
-            "u": control.u,
-            "bounded": control.saturated,
-            "left_load": reference.left_load,
-            "feet_ref": (reference.left.position, reference.right.position),
-            "heading_ref": reference.heading,
-            "joints": sensors.positions,
-            "joint_set_points": command.positions,
-            "wrenches": sensors.wrenches,
-            "load": measured.load,
-            "tilt": measured.tilt,
-            "compute_s": seconds,
-        }
-        if self._extra is not None:
-            row.update(self._extra())
-        if not self._arrays:
-            self._allocate(row)
-        k = self._rows
-        for name, value in row.items():
-            self._arrays[name][k] = value
-        self._rows += 1
+        self._waiting.append((tick, self._extra()))
+        if len(self._waiting) >= _MOST_WAITING:
+            self._absorb()
 
-    def _allocate(self, row: Mapping[str, object]) -> None:
-        """Allocate the columns after the first row's shapes."""
-        for name, value in row.items():
-            sample = np.asarray(value)
+    def _absorb(self) -> None:
+        """Put the rows that wait into the arrays."""
+        with self._lock:
+            n = len(self._waiting)
+            rows = [self._waiting.popleft() for _ in range(n)]
+            if not rows:
+                return
+            ticks, extras = [tick for tick, _ in rows], [extra for _, extra in rows]
+            for name, value in _OF_TICK.items():
+                self._put(name, [value(tick) for tick in ticks])
+            for name in extras[0]:
+                self._put(name, [extra[name] for extra in extras])
+            self._rows += n
+
+    def _put(self, name: str, values: list[Any]) -> None:
+        """Append values to a column; allocate it after the first value's shape."""
+        if name not in self._arrays:
+            sample = np.asarray(values[0])
             self._arrays[name] = np.zeros((self._capacity, *sample.shape), sample.dtype)
+        rows = self._arrays[name][self._rows : self._rows + len(values)]
+        if isinstance(values[0], np.ndarray):  # many times faster than an assignment
+            np.concatenate(values, out=rows.reshape(-1, *rows.shape[2:]))
+        else:
+            rows[:] = values
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
-        """All columns by name."""
-        return {name: array[: self._rows] for name, array in self._arrays.items()}
+        """All columns by name, up to the last row."""
+        self._absorb()
+        rows = self._rows
+        return {name: array[:rows] for name, array in self._arrays.items()}
+
+
+_MOST_WAITING = 1024  # rows; another thread may take them before
+
+_OF_TICK: Mapping[str, Callable[[Tick], Any]] = {
+    "t": lambda k: k.reference.time,
+    "phase": lambda k: int(k.reference.phase),
+    "step": lambda k: k.reference.step,
+    "com": lambda k: k.measured.com,
+    "com_ref": lambda k: k.reference.com,
+    "zmp": lambda k: k.measured.zmp,
+    "zmp_ref": lambda k: k.reference.zmp,
+    "zmp_filtered": lambda k: k.control.zmp_filtered,
+    "zmp_ref_filtered": lambda k: k.control.zmp_reference,
+    "com_command": lambda k: k.control.com_command,
+    "u": lambda k: k.control.u,
+    "bounded": lambda k: k.control.saturated,
+    "left_load": lambda k: k.reference.left_load,
+    "feet_ref": lambda k: np.array(
+        (k.reference.left.position, k.reference.right.position)
+    ),
+    "heading_ref": lambda k: k.reference.heading,
+    "joints": lambda k: k.sensors.positions,
+    "joint_rates": lambda k: k.sensors.velocities,
+    "joint_set_points": lambda k: k.command.positions,
+    "wrenches": lambda k: k.sensors.wrenches,
+    "imu_quat": lambda k: k.sensors.orientation,
+    "imu_gyro": lambda k: k.sensors.gyro,
+    "imu_acc": lambda k: k.sensors.acceleration,
+    "load": lambda k: k.measured.load,
+    "tilt": lambda k: k.measured.tilt,
+    "compute_s": lambda k: k.seconds,
+}
 
 
 def save_columns(path: Path, columns: Columns) -> None:

@@ -195,9 +195,9 @@ class SimulatedRobot:
         """Return the state before the next period's physics, and the truth, to log."""
         data, truth = self.data, self.truth()
         row = {
-            "qpos": data.qpos,
-            "qvel": data.qvel,
-            "ctrl": data.ctrl,
+            "qpos": data.qpos.copy(),
+            "qvel": data.qvel.copy(),
+            "ctrl": data.ctrl.copy(),
             "com_true": truth.com,
             "zmp_true": truth.zmp,
             "loads_true": truth.loads,
@@ -205,9 +205,9 @@ class SimulatedRobot:
             "wrenches_true": truth.wrenches,
         }
         if self.model.na:
-            row["act"] = data.act
+            row["act"] = data.act.copy()
         if self.settings.pushes:
-            row["xfrc_applied"] = data.xfrc_applied
+            row["xfrc_applied"] = data.xfrc_applied.copy()
         return row
 
     def truth(self) -> Truth:

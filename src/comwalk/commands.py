@@ -321,22 +321,23 @@ def _read_summary(folder: Path) -> dict[str, Any]:
 
 def _perform(settings: RobotConfig, setup: Setup, command: str, words: str) -> int:
     """Simulate, save and print; return the exit code."""
+    from .mcap_log import MCAP_NAME
     from .run import prepare_folder
 
     folder = _run_folder(settings.out, command)
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     prepare_folder(folder)
+    table = table_of(dataclasses.replace(settings, out=None, json=False))
+    about = {"command": words, "config": table, "notes": list(setup.notes)}
     try:
         with _progress(setup.pattern.duration, settings.json) as progress:
-            run = setup.run(progress)
+            run = setup.run(progress, record=folder / MCAP_NAME, about=about)
     except BaseException:
-        for path in missing:
-            path.rmdir()
+        if not (folder / MCAP_NAME).exists():  # else it tells what happened
+            for path in missing:
+                path.rmdir()
         raise
-    table = table_of(dataclasses.replace(settings, out=None, json=False))
-    made = {"command": words, "config": table, "out": str(folder)}
-    made["notes"] = list(setup.notes)
-    run = dataclasses.replace(run, settings={**run.settings, **made})
+    run = dataclasses.replace(run, settings={**run.settings, "out": str(folder)})
     run.save(folder)
     summary = run.summary()
     _print_json(summary) if settings.json else _print_summary(summary, folder)

@@ -641,11 +641,19 @@ class Setup:
     notes: tuple[str, ...] = ()
     """What was changed so that the parts go together."""
 
-    def run(self, progress: Callable[[float], None] | None = None) -> Run:
+    def run(
+        self,
+        progress: Callable[[float], None] | None = None,
+        *,
+        record: Path | None = None,
+        about: Mapping[str, Any] | None = None,
+    ) -> Run:
         """Simulate it, with the robot or with the simplified model.
 
         Args:
             progress: Called now and then with the simulated time [s].
+            record: File of ROS 2 messages to write while it runs.
+            about: More to say about the run in its settings.
 
         Returns:
             The run.
@@ -661,6 +669,8 @@ class Setup:
                 control=self.control,
                 disturbance=self.disturbance,
                 progress=progress,
+                record=record,
+                about=about,
             )
         return simulate(
             self.robot,
@@ -671,6 +681,8 @@ class Setup:
             seed=self.seed,
             force=self.force,
             progress=progress,
+            record=record,
+            about=about,
         )
 
 

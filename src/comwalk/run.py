@@ -7,7 +7,7 @@ import json
 import math
 import platform
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -22,6 +22,7 @@ from .defaults import default_control
 from .errors import ParameterError, PlanError, RunError
 from .feasibility import check_feasible
 from .log import Log, save_columns
+from .mcap_log import MCAP_NAME, Recorder, save_mcap
 from .motion import EmbeddedMotion
 from .pattern import Pattern
 from .plant import Disturbance, PendulumPlant, Plant, no_disturbance
@@ -53,6 +54,8 @@ class Run:
     """The compiled model of the simulation; None for the simplified model."""
     substeps: int = 1
     """Physics steps per control period."""
+    recording: Path | None = None
+    """Log of ROS 2 messages that was written while it ran."""
 
     def summary(self) -> dict[str, Any]:
         """Return the figures of the run, with units in their names."""
@@ -80,7 +83,7 @@ class Run:
         )
 
     def save(self, folder: str | Path) -> Path:
-        """Write summary.json, run.npz, scene.mjb and the figure into a folder.
+        """Write summary.json, run.npz, run.mcap, scene.mjb and the figure.
 
         Args:
             folder: Made if it does not exist; an earlier run in it is replaced.
@@ -94,6 +97,15 @@ class Run:
         folder = prepare_folder(folder)
         for name in _FILES:
             (folder / name).unlink(missing_ok=True)
+        if folder / MCAP_NAME != self.recording:
+            save_mcap(
+                folder / MCAP_NAME,
+                self.log,
+                self.robot,
+                self.settings["control"]["period"],
+                self.settings,
+                str(self.outcome),
+            )
         columns = {**self.log.columns, "substeps": np.array(self.substeps)}
         save_columns(folder / "run.npz", columns)
         if self.scene is not None:
@@ -155,6 +167,8 @@ def simulate(
     seed: int = 0,
     force: bool = False,
     progress: Progress | None = None,
+    record: str | Path | None = None,
+    about: Mapping[str, Any] | None = None,
 ) -> Run:
     """Walk a pattern with a robot in MuJoCo.
 
@@ -168,6 +182,9 @@ def simulate(
         seed: Seed of the sensor noise.
         force: Whether to walk even what the robot is not able to.
         progress: Called now and then with the simulated time.
+        record: File of ROS 2 messages to write while it walks, such as run.mcap;
+            a run that is cut off leaves what it wrote until then.
+        about: More to say about the run in its settings.
 
     Returns:
         The run. A fall is an outcome, not an error.
@@ -197,8 +214,11 @@ def simulate(
         "seed": seed,
         "motion": None if motion is None else motion.motion.name,
         "physics": plain(plant.settings),
+        **(about or {}),
     }
-    run = _walked(pattern, control, body, plant, log, notes, watch, progress)
+    settings = _settings(notes, control, pattern)
+    recorder = Recorder(record, log, robot, control.period, settings)
+    run = _walked(pattern, control, body, plant, recorder, watch, progress)
     return dataclasses.replace(
         run, robot=robot, scene=plant.model, substeps=plant.substeps
     )
@@ -212,6 +232,8 @@ def simulate_pendulum(
     servo_lag: float = 0.02,
     watch: Watch | None = None,
     progress: Progress | None = None,
+    record: str | Path | None = None,
+    about: Mapping[str, Any] | None = None,
 ) -> Run:
     """Walk a pattern with the simplified model, Eq. (30).
 
@@ -222,6 +244,8 @@ def simulate_pendulum(
         servo_lag: Time constant between u and the CoM's velocity [s].
         watch: When a walk counts as a fall.
         progress: Called now and then with the simulated time.
+        record: File of ROS 2 messages to write while it walks, such as run.mcap.
+        about: More to say about the run in its settings.
 
     Returns:
         The run.
@@ -242,8 +266,22 @@ def simulate_pendulum(
         settings = dataclasses.replace(control.settings, max_offset=1e6)
         control = dataclasses.replace(control, settings=settings)
     log = Log(_rows(pattern, control.period))
-    notes = {"robot": None, "plant": "pendulum"}
-    return _walked(pattern, control, PointBody(), plant, log, notes, watch, progress)
+    notes = {"robot": None, "plant": "pendulum", **(about or {})}
+    settings = _settings(notes, control, pattern)
+    recorder = Recorder(record, log, None, control.period, settings)
+    return _walked(pattern, control, PointBody(), plant, recorder, watch, progress)
+
+
+def _settings(
+    notes: Mapping[str, Any], control: Control, pattern: Pattern
+) -> dict[str, Any]:
+    """Return all that a run is made with."""
+    return {
+        **notes,
+        "control": plain(control),
+        "pendulum": plain(pattern.pendulum),
+        "plan": plain(pattern.plan),
+    }
 
 
 def _walked(
@@ -251,27 +289,23 @@ def _walked(
     control: Control,
     body: Body,
     plant: Plant,
-    log: Log,
-    notes: dict[str, Any],
+    recorder: Recorder,
     watch: Watch | None,
     progress: Progress | None,
 ) -> Run:
     """Walk, and return the run with what it was made with."""
     controller = WalkingController(control.gains, control.settings, control.period)
-    begin = time.perf_counter()
-    record = _recorder(log, progress)
-    outcome = walk(pattern, controller, body, plant, on_tick=record, watch=watch)
+    begin, on_tick = time.perf_counter(), _on_tick(recorder.log, progress)
+    with recorder:
+        outcome = walk(pattern, controller, body, plant, on_tick=on_tick, watch=watch)
+        recorder.outcome = str(outcome)
     return Run(
         outcome=outcome,
-        log=log,
+        log=recorder.log,
         pattern=pattern,
         seconds=time.perf_counter() - begin,
-        settings={
-            **notes,
-            "control": plain(control),
-            "pendulum": plain(pattern.pendulum),
-            "plan": plain(pattern.plan),
-        },
+        settings=recorder.notes,
+        recording=recorder.path,
     )
 
 
@@ -319,7 +353,7 @@ def _rows(pattern: Pattern, period: float) -> int:
     return int(pattern.duration / period) + 2
 
 
-def _recorder(log: Log, progress: Progress | None) -> Callable[[Tick], None]:
+def _on_tick(log: Log, progress: Progress | None) -> Callable[[Tick], None]:
     """Return what the loop calls each period."""
     if progress is None:
         return log.record

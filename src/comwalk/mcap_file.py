@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import struct
 import zlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
-from typing import BinaryIO, TypeAlias
+from typing import BinaryIO, TypeAlias, TypeVar
 
 import numpy as np
 import zstandard
@@ -183,7 +183,7 @@ class McapWriter:
         summary += _bytes_of(*offsets)
         fields = struct.pack("<BQQQ", Opcode.FOOTER, 20, start, table)
         crc = zlib.crc32(summary + fields)
-        self._write(summary + _bytes_of(Footer(table, start, crc)) + MAGIC)
+        self._write(summary + _bytes_of(Footer(start, table, crc)) + MAGIC)
         self._file.flush()
 
     def _statistics(self) -> Statistics:
@@ -298,6 +298,9 @@ _READABLE = {
 }
 
 
+_Record = TypeVar("_Record", bound=McapRecord)
+
+
 def read_mcap(path: Path) -> Iterator[Item]:
     """Read a file that comwalk wrote, up to where it was cut off.
 
@@ -345,7 +348,7 @@ def _items(file: BinaryIO, path: Path, size: int) -> Iterator[Item]:
         if kind == Opcode.HEADER:
             _check_header(body, path)
         elif kind in _READABLE and in_data:
-            yield _parsed(_READABLE[kind], body, path)
+            yield _parsed(_READABLE[kind].read, body, path)
         in_data &= kind != Opcode.DATA_END
         place = file.tell()
     yield End(False, place, size)
@@ -358,17 +361,19 @@ def _stream(body: bytes) -> ReadDataStream:
 
 def _check_header(body: bytes, path: Path) -> None:
     """Refuse a file of another program, whose messages may be anything."""
-    library = _parsed(Header, body, path).library
+    library = _parsed(Header.read, body, path).library
     if library != LIBRARY:
         raise RunError(f"{path} was written by {library!r}, not by comwalk")
 
 
-def _parsed(kind: type, body: bytes, path: Path) -> Item:
+def _parsed(
+    read: Callable[[ReadDataStream], _Record], body: bytes, path: Path
+) -> _Record:
     """Return a record."""
     try:
-        return kind.read(_stream(body))
+        return read(_stream(body))
     except _STRANGE:
-        raise RunError(f"{path} is broken: a {kind.__name__} is unreadable") from None
+        raise RunError(f"{path} is broken: a record in it is unreadable") from None
 
 
 def _block(body: bytes, whole: bool) -> tuple[Block, bool]:

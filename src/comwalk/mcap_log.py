@@ -9,7 +9,7 @@ after the run, and gives the same bytes.
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from threading import Event, Thread
 from types import TracebackType
@@ -21,7 +21,6 @@ from .errors import RunError
 from .log import Log
 from .mcap_file import MESSAGE, McapWriter, Topic
 from .robot import Robot
-from .ros_messages import layout_of
 from .topics import Columns, Latched, Stream, latched_of, streams_of
 
 try:
@@ -130,7 +129,7 @@ def _said_once(
 
 def _head(channel: int, length: int) -> np.ndarray:
     """Return what stands before a message."""
-    head = np.zeros((), MESSAGE)
+    head: Any = np.zeros((), MESSAGE)
     head["opcode"], head["channel"] = 5, channel
     head["length"] = MESSAGE.itemsize - 9 + length
     return head
@@ -148,9 +147,9 @@ class _Packer:
         self._slow = [s for s in streams if s.slow]
         self._fast = [s for s in streams if not s.slow]
         self._every = every
-        slow, fast = (_record(part) for part in (self._slow, self._fast))
-        self._group = np.dtype([("slow", slow), ("fast", fast, (every,))])
-        self._blank = np.zeros((), self._group)
+        self._slow_record, self._fast_record = _record(self._slow), _record(self._fast)
+        group = [("slow", self._slow_record), ("fast", self._fast_record, (every,))]
+        self._blank = np.zeros((), np.dtype(group))
         for stream, _, messages in self._parts(self._blank):
             length = len(stream.layout.template)
             messages["head"] = _head(self._channels[stream.topic], length)
@@ -162,9 +161,7 @@ class _Packer:
         parts = [(s, True, groups["slow"][s.topic]) for s in self._slow]
         return parts + [(s, False, groups["fast"][s.topic]) for s in self._fast]
 
-    def chunk(
-        self, rows: Columns, first: int
-    ) -> tuple[bytes, dict[int, np.ndarray]]:
+    def chunk(self, rows: Columns, first: int) -> tuple[bytes, dict[int, np.ndarray]]:
         """Return the messages of some rows, and when and where they are.
 
         Args:
@@ -190,20 +187,18 @@ class _Packer:
             many = count if slow else n
             pairs = np.stack([times.ravel(), self._places(stream, count)], axis=1)
             index[self._channels[stream.topic]] = pairs[:many]
-        size = self._group.itemsize * (n // k)
-        if n % k:
-            fast = self._group["fast"].subdtype[0]
-            size += self._group.fields["fast"][1] + fast.itemsize * (n % k)
-        return groups.tobytes()[:size], index
+        unused = (count * k - n) * self._fast_record.itemsize
+        return groups.tobytes()[: groups.nbytes - unused], index
 
     def _places(self, stream: Stream, count: int) -> np.ndarray:
         """Return where the messages of a topic are in groups."""
-        starts = np.arange(count) * self._group.itemsize
-        slow, fast = self._group["slow"], self._group["fast"].subdtype[0]
+        starts = np.arange(count) * self._blank.itemsize
+        record = self._slow_record if stream.slow else self._fast_record
+        starts += (record.fields or {})[stream.topic][1]
         if stream.slow:
-            return starts + slow.fields[stream.topic][1]
-        inside = np.arange(self._every) * fast.itemsize + fast.fields[stream.topic][1]
-        return (starts[:, None] + self._group.fields["fast"][1] + inside).ravel()
+            return starts
+        inside = np.arange(self._every) * record.itemsize + self._slow_record.itemsize
+        return (starts[:, None] + inside).ravel()
 
 
 def _record(streams: Sequence[Stream]) -> np.dtype:
@@ -218,7 +213,7 @@ def _stamp(messages: np.ndarray, times: np.ndarray, first: int) -> None:
     head["log_time"] = head["publish_time"] = times
     head["sequence"] = first + np.arange(times.size).reshape(times.shape)
     seconds, rest = np.divmod(times, 1_000_000_000)
-    for name in body.dtype.names:
+    for name in body.dtype.names or ():
         if name.endswith("stamp.sec"):
             body[name] = seconds
         elif name.endswith("stamp.nanosec"):
@@ -335,7 +330,9 @@ def _open(path: Path) -> BinaryIO:
         raise RunError(f"cannot write {path}: {error.strerror}") from None
     if not _lock(file):
         file.close()
-        raise RunError(f"{path} is being written by another run; choose another by --out")
+        raise RunError(
+            f"{path} is being written by another run; choose another by --out"
+        )
     file.truncate(0)
     return file
 

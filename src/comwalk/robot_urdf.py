@@ -120,7 +120,9 @@ def _shapes(model: mujoco.MjModel, body: int) -> Iterator[ET.Element]:
                 yield _visual("sphere", ball, position + end * R[:, 2], R, color)
 
 
-def _rods(model: mujoco.MjModel, data: mujoco.MjData, body: int) -> Iterator[ET.Element]:
+def _rods(
+    model: mujoco.MjModel, data: mujoco.MjData, body: int
+) -> Iterator[ET.Element]:
     """Yield rods from a link to those that it carries, or to its CoM."""
     below = [b for b in range(1, model.nbody) if model.body_parentid[b] == body]
     R = _axes(data, body)
@@ -167,7 +169,9 @@ def _add_joints(
     first = model.body_jntadr[body]
     joints = range(first, first + model.body_jntnum[body])
     for j in joints:
-        fits = j == joints[-1] and np.abs(data.xanchor[j] - data.xpos[body]).max() < 1e-9
+        fits = (
+            j == joints[-1] and np.abs(data.xanchor[j] - data.xpos[body]).max() < 1e-9
+        )
         below = names[body] if fits else f"{names[body]}_{model.joint(j).name}"
         joint = _joint(robot, j, data.xaxis[j] @ R)
         anchor = data.xanchor[j]

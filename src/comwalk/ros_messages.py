@@ -1,8 +1,8 @@
 """ROS 2 messages as bytes: the types that a log holds, their text, their layout.
 
-A message is CDR in little endian: four bytes that say so, then the fields in order, each
-aligned to its own size. Messages of one topic differ in numbers alone, as long as names
-and counts stay the same; so a `Layout` is made once of an example, and a thousand
+A message is CDR in little endian: four bytes that say so, then the fields in order,
+each aligned to its own size. Messages of one topic differ in numbers alone, as long as
+names and counts stay the same; so a `Layout` is made once of an example, and a thousand
 messages are a few assignments to columns of a structured array.
 
 Values are nested dictionaries of the fields; those left out are zero or empty.

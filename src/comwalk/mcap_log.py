@@ -147,6 +147,7 @@ class _Packer:
         self._slow = [s for s in streams if s.slow]
         self._fast = [s for s in streams if not s.slow]
         self._every = every
+        self._offsets = {**_offsets(self._slow), **_offsets(self._fast)}
         self._slow_record, self._fast_record = _record(self._slow), _record(self._fast)
         group = [("slow", self._slow_record), ("fast", self._fast_record, (every,))]
         self._blank = np.zeros((), np.dtype(group))
@@ -194,7 +195,7 @@ class _Packer:
         """Return where the messages of a topic are in groups."""
         starts = np.arange(count) * self._blank.itemsize
         record = self._slow_record if stream.slow else self._fast_record
-        starts += (record.fields or {})[stream.topic][1]
+        starts += self._offsets[stream.topic]
         if stream.slow:
             return starts
         inside = np.arange(self._every) * record.itemsize + self._slow_record.itemsize
@@ -205,6 +206,12 @@ def _record(streams: Sequence[Stream]) -> np.dtype:
     """Return messages of some topics, one each, as a record."""
     kinds = [np.dtype([("head", MESSAGE), ("body", s.layout.dtype)]) for s in streams]
     return np.dtype([(s.topic, k) for s, k in zip(streams, kinds, strict=True)])
+
+
+def _offsets(streams: Sequence[Stream]) -> dict[str, int]:
+    """Return where the messages of topics are in their record."""
+    sizes = [MESSAGE.itemsize + len(s.layout.template) for s in streams]
+    return {s.topic: sum(sizes[:i]) for i, s in enumerate(streams)}
 
 
 def _stamp(messages: np.ndarray, times: np.ndarray, first: int) -> None:

@@ -39,6 +39,8 @@ ORDER = (
     "sampled_bounds",
     "control",
     "certificate",
+    "certificate_table",
+    "published",
     "plant",
     "resolution",
     "resolver",
@@ -93,6 +95,7 @@ ORDER = (
     "mcap_log",
     "summary",
     "plot",
+    "gain_plane",
     "run",
     "recording",
     "gl",
@@ -111,6 +114,7 @@ ORDER = (
     "commands",
     "robot_commands",
     "bench_commands",
+    "certify_commands",
     "cli",
     "__main__",
 )
@@ -130,13 +134,16 @@ PACKAGES = {
     "viser": {"page_server", "scene"},
     "mcap": {"mcap_file"},
     "zstandard": {"mcap_file"},
-    "matplotlib": {"plot", "figures", "render"},
+    "matplotlib": {"gain_plane", "plot", "figures", "render"},
     "rich": {"bench_commands", "cli", "commands", "page_server", "robot_commands"},
-    "cyclopts": {"bench_commands", "cli", "commands", "flags", "robot_commands"},
+    "cyclopts": {
+        *("bench_commands", "certify_commands", "cli", "commands"),
+        *("flags", "robot_commands"),
+    },
 }
 """Where a package may be imported."""
 
-PRINTERS = {"bench_commands", "cli", "commands", "robot_commands"}
+PRINTERS = {"bench_commands", "certify_commands", "cli", "commands", "robot_commands"}
 """Where something may be printed."""
 
 MODULES = sorted(path.stem for path in SOURCE.glob("*.py") if path.stem != "__init__")

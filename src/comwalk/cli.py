@@ -32,6 +32,7 @@ _COMMANDS = {
     "replay": "Summarise a run, or verify it with MuJoCo alone.",
 }
 _ROBOT = "Tell what was found out about a robot: limbs, soles, servos, gait."
+_CERTIFY = "Tell what the gains of a robot guarantee, before it moves."
 _BENCH = "Try robots on walks, dances, floors, pushes and loads."
 _PAIRS = re.compile(r"--gains\.[\w-]+|--disturbance")
 
@@ -87,6 +88,9 @@ def _app() -> App:
     for name, text in _COMMANDS.items():
         app.command(f"{__package__}.commands:{name}", name=name, help=text)
     app.command(f"{__package__}.robot_commands:robot", name="robot", help=_ROBOT)
+    app.command(
+        f"{__package__}.certify_commands:certify", name="certify", help=_CERTIFY
+    )
     app.command(f"{__package__}.bench_commands:bench", name="bench", help=_BENCH)
     return app
 

@@ -56,9 +56,11 @@ from .motion_files import load_motion
 from .pattern import Pattern, make_pattern
 from .pendulum import Pendulum
 from .plant import Disturbance, no_disturbance, random_bounded
+from .sampled import SampledLoop
 from .settings import BodySettings, Control, Push, SimulatorSettings
 
 if TYPE_CHECKING:
+    from .certificate import Certificate
     from .robot import Robot
     from .run import Run
 
@@ -72,7 +74,7 @@ _UNSEEN = {(SimulatorSettings, "pushes")}  # given by `push` instead
 
 # ---- Configurations ---------------------------------------------------------------
 
-Part = TypeVar("Part", Gait, Pendulum, Gains, ControlSettings)
+Part = TypeVar("Part", Gait, Pendulum, Gains, ControlSettings, SampledLoop)
 """What a robot has defaults for."""
 
 
@@ -311,6 +313,42 @@ class PatternConfig:
         checked_count("steps", self.steps, 1, 1000)
 
 
+@dataclass(frozen=True, kw_only=True)
+class CertifyConfig:
+    """What gains guarantee on a robot."""
+
+    robot: str = "paper"
+    """Robot of `comwalk robots`, or path of a URDF or MJCF file."""
+    profile: str | None = None
+    """TOML file that tells what cannot be seen in the robot's file."""
+    gains: Given[Gains] = Given(Gains)
+    """Gains of the walking control law."""
+    loop: Given[SampledLoop] = Given(SampledLoop)
+    """The loop as it runs; `comwalk identify` measures it."""
+    pendulum: Given[Pendulum] = Given(Pendulum)
+    """The simplified model."""
+    disturbance: tuple[float, float] = (0.05, 0.5)
+    """Bounds a [m/s] and b [m/s^2] of the error of the CoM's velocity and of its
+    rate."""
+    exact: bool = True
+    """Whether to find the exact worst cases, by linear programs."""
+    out: str | None = None
+    """Folder for certificate.json and the picture; nothing is written if not given."""
+    json: bool = False
+    """Print one JSON object instead of a table."""
+
+    def __post_init__(self) -> None:
+        """Check what no other dataclass checks.
+
+        Raises:
+            ParameterError: If a value is out of range.
+        """
+        for name, value, unit in zip("ab", self.disturbance, _RATES, strict=True):
+            checked_number(
+                f"disturbance ({name})", value, unit=unit, low=0, open_low=True
+            )
+
+
 def parse_push(text: str) -> Push:
     """Return a push from its text.
 
@@ -344,7 +382,9 @@ def parse_push(text: str) -> Push:
 
 # ---- Reading ----------------------------------------------------------------------
 
-Config = TypeVar("Config", RobotConfig, WalkConfig, DanceConfig, PatternConfig)
+Config = TypeVar(
+    "Config", RobotConfig, WalkConfig, DanceConfig, PatternConfig, CertifyConfig
+)
 """One of the configurations."""
 
 Table = Mapping[str, Any]
@@ -712,6 +752,45 @@ def build_walk(config: WalkConfig) -> Setup:
         eps = random_bounded(a, b, config.seed, duration=pattern.duration)
         setup = dataclasses.replace(setup, disturbance=eps)
     return dataclasses.replace(setup, force=config.force)
+
+
+def build_certificate(config: CertifyConfig) -> Certificate:
+    """Return what the gains of a robot guarantee.
+
+    Args:
+        config: Robot, gains, loop.
+
+    Returns:
+        The certificate; what is not given is as `comwalk walk` has it.
+
+    Raises:
+        ComwalkError: If the robot does not exist or a number is out of range.
+    """
+    from .certificate import certify
+    from .defaults import (
+        default_control_settings,
+        default_gains,
+        default_pendulum,
+        sole_room,
+    )
+    from .robot import load_robot
+
+    robot = load_robot(config.robot, profile=config.profile)
+    pendulum = config.pendulum.over(default_pendulum(robot))
+    gains = config.gains.over(default_gains(robot))
+    period = float(config.loop.values.get("period", Control().period))
+    settings = default_control_settings(robot, gains, pendulum=pendulum, period=period)
+    loop = Control(gains=gains, settings=settings, period=period).loop()
+    a, b = config.disturbance
+    return certify(
+        pendulum,
+        gains,
+        config.loop.over(loop),
+        a=a,
+        b=b,
+        room=sole_room(robot),
+        exact=config.exact,
+    )
 
 
 def _refuse_idle(config: WalkConfig) -> None:

@@ -33,7 +33,7 @@ _BLUE, _ORANGE, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#B0609A"
 _SKY, _YELLOW, _BROWN, _INK, _GREY = "#56B4E9", "#E69F00", "#7A4A21", "#222222", "#777"
 _CYCLE = (_BLUE, _ORANGE, _GREEN, _PURPLE, _YELLOW, _SKY, _BROWN, _INK, _GREY)
 _SINGLES = {Phase.SINGLE_LEFT: "#E3EEF8", Phase.SINGLE_RIGHT: "#FBEBDD"}
-_STYLE: dict[Any, Any] = {
+STYLE: dict[Any, Any] = {
     "figure.facecolor": "white",
     "font.family": "DejaVu Sans",
     "font.size": 10.0,
@@ -60,6 +60,7 @@ _STYLE: dict[Any, Any] = {
     "lines.solid_capstyle": "round",
     "savefig.dpi": DPI,
 }
+"""Style of all figures, for `matplotlib.rc_context`."""
 _AXES = ("x", "y")
 _DASHED = (0, (4, 2))
 _LINES: dict[str, dict[str, Any]] = {
@@ -98,7 +99,7 @@ def _page(
     Yields:
         The figure, and the part of it above the table to draw on.
     """
-    with matplotlib.rc_context(_STYLE):
+    with matplotlib.rc_context(STYLE):
         columns = max(1, round(width / 4.5)) if len(table) > 5 else 1
         low = 0.23 * (_table_lines(table, columns) + 1.5) if table else 0.0
         figure = Figure(figsize=(width, height + low), layout="constrained")
@@ -128,7 +129,7 @@ def write_figure(figure: Figure, path: str | Path | None) -> Figure:
     if path is None:
         return figure
     try:
-        with matplotlib.rc_context(_STYLE):
+        with matplotlib.rc_context(STYLE):
             figure.savefig(path, dpi=DPI)
     except OSError as error:
         reason = error.strerror or error

@@ -1,0 +1,82 @@
+"""The command `comwalk certify`: what gains guarantee, before the robot moves."""
+
+from __future__ import annotations
+
+import json as json_format
+from pathlib import Path
+from typing import Annotated, Any
+
+from cyclopts import Parameter
+
+from .certificate import Certificate
+from .certificate_table import (
+    Section,
+    numbers_of_certificate,
+    sections_of_certificate,
+)
+from .config import CertifyConfig, build_certificate, make_config
+from .flags import flags_of, given_flags, with_flags
+
+_Flags = flags_of(CertifyConfig, ("robot",))
+
+
+@with_flags(_Flags)
+def certify(
+    robot: Annotated[
+        str | None,
+        Parameter(help="Robot of `comwalk robots`, or path of a URDF or MJCF file."),
+    ] = None,
+    /,
+    *,
+    flags: Any = None,
+    config: Annotated[
+        Path | None, Parameter(help="TOML file with the same keys; flags win.")
+    ] = None,
+) -> int:
+    """Tell what the gains of a robot guarantee, before it moves.
+
+    Gains, filter and loop are those of `comwalk walk` unless given. Exit code 0 if the
+    gains are stable, 1 if they are not; then it tells what to change.
+    """
+    given = given_flags(flags) | ({} if robot is None else {"robot": robot})
+    settings = make_config(CertifyConfig, given, config)
+    certificate = build_certificate(settings)
+    numbers = {"robot": settings.robot, **numbers_of_certificate(certificate)}
+    if settings.out is not None:
+        numbers["files"] = _written(certificate, numbers, Path(settings.out))
+    if settings.json:
+        print(json_format.dumps(numbers, indent=2, allow_nan=False))
+    else:
+        _print(certificate, numbers)
+    return 0 if certificate.stable else 1
+
+
+def _written(
+    certificate: Certificate, numbers: dict[str, Any], folder: Path
+) -> list[str]:
+    """Write the numbers and the picture; return the files."""
+    from .gain_plane import plot_gain_plane
+    from .run import prepare_folder
+
+    path = prepare_folder(folder)
+    text = json_format.dumps(numbers, indent=2, allow_nan=False)
+    (path / "certificate.json").write_text(text + "\n", encoding="utf-8")
+    plot_gain_plane(certificate, path / "gains.png", title=str(numbers["robot"]))
+    return [str(path / name) for name in ("certificate.json", "gains.png")]
+
+
+def _print(certificate: Certificate, numbers: dict[str, Any]) -> None:
+    """Print the verdict, the table, and what was written."""
+    print(f"{numbers['robot']}: {certificate.verdict}\n")
+    sections = sections_of_certificate(certificate)
+    head = Section("", [("", *(x.name for x in certificate.axes))])
+    columns = zip(*(row for s in [head, *sections] for row in s.rows), strict=True)
+    widths = [max(map(len, column)) for column in columns]
+    for title, rows in [head, *sections]:
+        if title:
+            print(f"\n{title}")
+        for name, *cells in rows:
+            texts = [c.rjust(w) for c, w in zip(cells, widths[1:], strict=True)]
+            print("  ".join(["", name.ljust(widths[0]), *texts]))
+    for name in numbers.get("files", ()):
+        print(f"written to {name}")

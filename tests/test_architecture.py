@@ -93,6 +93,8 @@ ORDER = (
     "robot_urdf",
     "topics",
     "mcap_log",
+    "run_log",
+    "export",
     "summary",
     "plot",
     "gain_plane",
@@ -113,12 +115,18 @@ ORDER = (
     "flags",
     "commands",
     "robot_commands",
+    "log_commands",
     "bench_commands",
     "certify_commands",
     "cli",
     "__main__",
 )
 """Import order: a module may import what stands before it, never what stands after."""
+
+_COMMANDS = {
+    *("bench_commands", "certify_commands", "cli", "commands", "log_commands"),
+    "robot_commands",
+}
 
 PACKAGES = {
     "mujoco": {
@@ -132,18 +140,15 @@ PACKAGES = {
     "numba": {"compiled", "handles"},
     "trimesh": {"mesh_files"},
     "viser": {"page_server", "scene"},
-    "mcap": {"mcap_file"},
+    "mcap": {"mcap_file", "run_log"},
     "zstandard": {"mcap_file"},
     "matplotlib": {"gain_plane", "plot", "figures", "render"},
-    "rich": {"bench_commands", "cli", "commands", "page_server", "robot_commands"},
-    "cyclopts": {
-        *("bench_commands", "certify_commands", "cli", "commands"),
-        *("flags", "robot_commands"),
-    },
+    "rich": {*_COMMANDS, "page_server"},
+    "cyclopts": {*_COMMANDS, "flags"},
 }
 """Where a package may be imported."""
 
-PRINTERS = {"bench_commands", "certify_commands", "cli", "commands", "robot_commands"}
+PRINTERS = _COMMANDS
 """Where something may be printed."""
 
 MODULES = sorted(path.stem for path in SOURCE.glob("*.py") if path.stem != "__init__")

@@ -33,6 +33,10 @@ _COMMANDS = {
 }
 _ROBOT = "Tell what was found out about a robot: limbs, soles, servos, gait."
 _CERTIFY = "Tell what the gains of a robot guarantee, before it moves."
+_LOG = {
+    "log": "Tell what the log of a run holds, and repair one that was cut off.",
+    "export": "Write the log of a run as CSV, Parquet, or for rosbag2.",
+}
 _BENCH = "Try robots on walks, dances, floors, pushes and loads."
 _PAIRS = re.compile(r"--gains\.[\w-]+|--disturbance")
 
@@ -91,6 +95,8 @@ def _app() -> App:
     app.command(
         f"{__package__}.certify_commands:certify", name="certify", help=_CERTIFY
     )
+    for name, text in _LOG.items():
+        app.command(f"{__package__}.log_commands:{name}", name=name, help=text)
     app.command(f"{__package__}.bench_commands:bench", name="bench", help=_BENCH)
     return app
 

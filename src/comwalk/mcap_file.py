@@ -109,7 +109,7 @@ class McapWriter:
                 id=i,
                 topic=topic.name,
                 message_encoding="cdr",
-                metadata={"offered_qos_profiles": _qos(topic.latched)},
+                metadata={"offered_qos_profiles": qos(topic.latched)},
                 schema_id=1 + kinds.index(topic.kind),
             )
             self._channels.append(channel)
@@ -223,8 +223,15 @@ def _index_bytes(channel: int, entries: np.ndarray) -> bytes:
     return head + struct.pack("<HI", channel, len(pairs)) + pairs
 
 
-def _qos(latched: bool) -> str:
-    """Return the quality of service that ROS 2 is to offer, as rosbag2 writes it."""
+def qos(latched: bool) -> str:
+    """Return the quality of service that ROS 2 is to offer, as rosbag2 writes it.
+
+    Args:
+        latched: Whether who comes late is to get the last message.
+
+    Returns:
+        YAML.
+    """
     policies = {"history": 3 - 2 * latched, "depth": int(latched), "reliability": 1}
     policies["durability"] = 1 if latched else 2
     lines = [f"{name}: {value}" for name, value in policies.items()]
@@ -265,7 +272,9 @@ class Block:
         """
         chosen = np.flatnonzero(self.heads["channel"] == channel)
         begins = (self.starts[chosen] + MESSAGE.itemsize).tolist()
-        ends = (self.starts + _PREFIX.size + self.heads["length"])[chosen].tolist()
+        ends = (self.starts + _PREFIX.size + self.heads["length"].astype(int))[
+            chosen
+        ].tolist()
         data = [self.messages[a:b] for a, b in zip(begins, ends, strict=True)]
         return self.heads["log_time"][chosen], data
 

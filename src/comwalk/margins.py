@@ -103,12 +103,15 @@ def margins(pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop) -> Ma
     leads = crossings(pendulum, loop, lead)
     angles, C, P = on_circle(pendulum, loop)
     L = loop_gain(k_p, k_c, loop, np.exp(1j * angles), C, P)
+    up = min((g for g in factors if g > 1.0), default=math.inf)
+    phase = min((min(p, 2.0 * math.pi - p) for _, p in leads), default=math.pi)
+    near = float(np.abs(1.0 + L).min())
     return Margins(
-        gain_up=min((g for g in factors if g > 1.0), default=math.inf),
+        gain_up=up,
         gain_down=max((g for g in factors if g < 1.0), default=0.0),
-        phase=min((min(p, 2.0 * math.pi - p) for _, p in leads), default=math.pi),
+        phase=phase,
         delay=loop.period * min((p / t for t, p in leads), default=math.inf),
-        modulus=float(np.abs(1.0 + L).min()),
+        modulus=min(near, 1.0 - 1.0 / up, 2.0 * math.sin(0.5 * phase)),
     )
 
 

@@ -18,7 +18,7 @@ import math
 from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -345,6 +345,28 @@ class ControlOutput:
         com = np.array(reference.com[:2], dtype=float)
         rest = np.zeros(2)
         return cls(rest, com, rest, rest, zmp, zmp, False)
+
+
+class Controller(Protocol):
+    """What commands the CoM in the loop of Fig. 4."""
+
+    def reset(
+        self,
+        reference_com: np.ndarray | Sequence[float],
+        reference_zmp: np.ndarray | Sequence[float],
+    ) -> None:
+        """Be at rest on the reference."""
+        ...
+
+    def step(
+        self,
+        reference: Any,
+        com: np.ndarray,
+        zmp: np.ndarray,
+        trust: float = 1.0,
+    ) -> ControlOutput:
+        """Return the command of one tick."""
+        ...
 
 
 def _limited(x: float, y: float, limit: float) -> tuple[float, float, bool]:

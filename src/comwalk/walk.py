@@ -12,7 +12,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
-from .control import ControlOutput, WalkingController
+from .control import Controller, ControlOutput
 from .errors import ModelError, checked_number
 from .pattern import Phase, Reference
 from .plant import Command, Plant, Sensors
@@ -117,7 +117,7 @@ class Walkable(Protocol):
 
 def walk(
     pattern: Walkable,
-    controller: WalkingController,
+    controller: Controller,
     body: Body,
     plant: Plant,
     *,
@@ -128,7 +128,7 @@ def walk(
 
     Args:
         pattern: CoM, ZMP and feet over time.
-        controller: The walking controller, Eq. (31).
+        controller: The walking controller, Eq. (31), or what stands in for it.
         body: What lies between CoM velocity and set-points: a `WholeBody`, or a
             `PointBody` for the simplified model.
         plant: The robot, simulated or real.

@@ -37,10 +37,13 @@ ORDER = (
     "bounds",
     "margins",
     "sampled_bounds",
+    "response",
+    "measured_loop",
     "control",
     "certificate",
     "certificate_table",
     "published",
+    "experiment",
     "plant",
     "resolution",
     "resolver",
@@ -82,6 +85,8 @@ ORDER = (
     "description",
     # The loop, its record and its pictures.
     "walk",
+    "identification",
+    "identified",
     "tick_records",
     "measure_kernels",
     "act_kernels",
@@ -98,6 +103,7 @@ ORDER = (
     "summary",
     "plot",
     "gain_plane",
+    "response_plot",
     "run",
     "recording",
     "gl",
@@ -118,6 +124,7 @@ ORDER = (
     "log_commands",
     "bench_commands",
     "certify_commands",
+    "identify_commands",
     "cli",
     "__main__",
 )
@@ -125,7 +132,7 @@ ORDER = (
 
 _COMMANDS = {
     *("bench_commands", "certify_commands", "cli", "commands", "log_commands"),
-    "robot_commands",
+    *("identify_commands", "robot_commands"),
 }
 
 PACKAGES = {
@@ -142,7 +149,7 @@ PACKAGES = {
     "viser": {"page_server", "scene"},
     "mcap": {"mcap_file", "run_log"},
     "zstandard": {"mcap_file"},
-    "matplotlib": {"gain_plane", "plot", "figures", "render"},
+    "matplotlib": {"gain_plane", "plot", "response_plot", "figures", "render"},
     "rich": {*_COMMANDS, "page_server"},
     "cyclopts": {*_COMMANDS, "flags"},
 }

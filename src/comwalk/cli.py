@@ -37,6 +37,7 @@ _LOG = {
     "log": "Tell what the log of a run holds, and repair one that was cut off.",
     "export": "Write the log of a run as CSV, Parquet, or for rosbag2.",
 }
+_IDENTIFY = "Shake the standing robot; tell lag, dead time, compliance and noise."
 _BENCH = "Try robots on walks, dances, floors, pushes and loads."
 _PAIRS = re.compile(r"--gains\.[\w-]+|--disturbance")
 
@@ -97,6 +98,9 @@ def _app() -> App:
     )
     for name, text in _LOG.items():
         app.command(f"{__package__}.log_commands:{name}", name=name, help=text)
+    app.command(
+        f"{__package__}.identify_commands:identify", name="identify", help=_IDENTIFY
+    )
     app.command(f"{__package__}.bench_commands:bench", name="bench", help=_BENCH)
     return app
 

@@ -34,6 +34,7 @@ from typing import (
 from .control import ControlSettings, Gains
 from .dances import builtin_motion
 from .errors import ComwalkError, MotionError, ParameterError, checked_number, nearest
+from .experiment import Experiment, standing_pattern
 from .footsteps import (
     Foothold,
     FootstepPlan,
@@ -55,7 +56,7 @@ from .motion import (
 from .motion_files import load_motion
 from .pattern import Pattern, make_pattern
 from .pendulum import Pendulum
-from .plant import Disturbance, no_disturbance, random_bounded
+from .plant import Disturbance, Plant, no_disturbance, random_bounded
 from .sampled import SampledLoop
 from .settings import BodySettings, Control, Push, SimulatorSettings
 
@@ -63,6 +64,7 @@ if TYPE_CHECKING:
     from .certificate import Certificate
     from .robot import Robot
     from .run import Run
+    from .whole_body import WholeBody
 
 MAX_SEED = 2**32 - 1
 """Largest seed of random numbers [-]."""
@@ -290,6 +292,14 @@ class DanceConfig(RobotConfig):
 
 
 @dataclass(frozen=True, kw_only=True)
+class IdentifyConfig(RobotConfig):
+    """An experiment on the standing robot."""
+
+    experiment: Experiment = field(default_factory=Experiment)
+    """How the robot is shaken."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class PatternConfig:
     """A regular walk on paper."""
 
@@ -383,7 +393,13 @@ def parse_push(text: str) -> Push:
 # ---- Reading ----------------------------------------------------------------------
 
 Config = TypeVar(
-    "Config", RobotConfig, WalkConfig, DanceConfig, PatternConfig, CertifyConfig
+    "Config",
+    RobotConfig,
+    WalkConfig,
+    DanceConfig,
+    PatternConfig,
+    CertifyConfig,
+    IdentifyConfig,
 )
 """One of the configurations."""
 
@@ -837,6 +853,54 @@ def build_dance(config: DanceConfig) -> Setup:
     )
     pattern = make_pattern(plan, _pendulum(config, robot))
     return _dancing(_setup(config, robot, pattern), config, "")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class IdentifySetup:
+    """What `identify` takes. Made by `build_identify`."""
+
+    robot: Robot
+    """The robot."""
+    plant: Plant
+    """The simulated robot, where it starts."""
+    body: WholeBody
+    """What makes set-points."""
+    pendulum: Pendulum
+    """The simplified model."""
+    standing: Callable[[float], Pattern]
+    """From the time [s] to the pattern of standing that long."""
+
+
+def build_identify(config: IdentifyConfig) -> IdentifySetup:
+    """Return what an experiment on the standing robot needs.
+
+    Args:
+        config: The experiment.
+
+    Returns:
+        Robot, plant, body and pattern.
+
+    Raises:
+        ComwalkError: If they do not exist, or do not go together.
+    """
+    from .defaults import default_gait, sole_size
+    from .simulator import SimulatedRobot
+    from .whole_body import WholeBody
+
+    robot = _load(config)
+    pendulum, period = _pendulum(config, robot), float(config.period)
+    size, half_width = sole_size(robot), default_gait(robot).half_width
+
+    def standing(duration: float) -> Pattern:
+        return standing_pattern(pendulum, half_width, size, duration)
+
+    plant = SimulatedRobot(robot, period, config.physics, config.seed)
+    body = WholeBody(robot, period, None, config.body)
+    body.start(standing(1.0).at(0.0))
+    plant.place(body.configuration)
+    return IdentifySetup(
+        robot=robot, plant=plant, body=body, pendulum=pendulum, standing=standing
+    )
 
 
 def _load(config: RobotConfig) -> Robot:

@@ -169,8 +169,8 @@ def _bins(experiment: Experiment) -> tuple[np.ndarray, np.ndarray]:
     if taken[0] < low:
         raise ParameterError(
             f"experiment.lines = {experiment.lines} do not fit between "
-            f"{experiment.lowest:g} and {experiment.highest:g} Hz in sweeps of {P:g} s; "
-            "take fewer lines or longer sweeps"
+            f"{experiment.lowest:g} and {experiment.highest:g} Hz: sweeps of {P:g} s "
+            "tell too few frequencies apart; take fewer lines or longer sweeps"
         )
     return np.array(taken[::2]), np.array(taken[1::2])
 

@@ -1,6 +1,6 @@
 """What a robot's loop is like, found by shaking the standing robot.
 
-`identify` works on any `Plant`: it needs neither a simulator nor the robot's data sheet.
+`identify` works on any `Plant`: it needs neither a simulator nor a data sheet.
 """
 
 from __future__ import annotations
@@ -69,12 +69,6 @@ class Identified:
     def delay(self) -> int:
         """The dead time in whole periods [ticks]."""
         return max(0, round(self.dead_time.value / self.period))
-
-    @property
-    def servo_lag(self) -> float:
-        """Lag of the first-order servo that is as hard on the ZMP loop [s]: the smaller
-        of both axes, for a smaller lag makes a larger gain."""
-        return min(fit.zmp_lag for fit in self.axes)
 
 
 def identify(

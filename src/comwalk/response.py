@@ -19,8 +19,6 @@ from typing import NamedTuple
 import numpy as np
 import scipy.optimize
 
-from .errors import ParameterError
-
 _ROUNDS = 12  # of the linear fit, each weighted by the poles of the last
 _MODEL_ERROR = 0.005  # share of a response up to which the model is believed [-]
 _SCALE = 20.0  # frequency that makes the coefficients comparable [rad/s]
@@ -111,19 +109,6 @@ class ResponseFit:
         s = 2j * np.pi * np.asarray(frequencies)
         return _evaluate(self.coefficients, self.orders, s, self.dead_time, self.period)
 
-    @property
-    def zmp_lag(self) -> float:
-        r"""Lag of the first-order servo that shakes the ZMP as much [s].
-
-        .. math:: \tau = \frac{1}{\omega_n^2 \max |p / u|}
-
-        The ZMP of such a servo answers u by at most 1 / (tau omega_n^2): the gain that
-        the ZMP loop must bear. A mode makes it large near its own frequency.
-        """
-        f = np.geomspace(0.2, self.highest, 400)
-        peak = float(np.abs(self.at(f)[1] / (2.0 * np.pi * f)).max())
-        return 1.0 / (self.omega.value**2 * peak)
-
 
 def _split(
     theta: np.ndarray, orders: Orders
@@ -162,7 +147,9 @@ def _evaluate(
     """Return the responses of a model, (2, n)."""
     com, zmp, poles = (np.polyval(k[::-1], s / _SCALE) for k in _split(theta, orders))
     late = T + theta[-1] * dt
-    return np.stack([com * np.exp(-s * late), zmp * np.exp(-s * (late + dt / 2))]) / poles
+    return (
+        np.stack([com * np.exp(-s * late), zmp * np.exp(-s * (late + dt / 2))]) / poles
+    )
 
 
 def _linear_fit(
@@ -361,7 +348,9 @@ def onset(times: np.ndarray, responses: np.ndarray) -> Estimate:
     costs = np.array([_broken_curve_cost(times, mean, k) for k in starts]) / noise**2
     best = int(np.argmin(costs))
     near = np.exp(-0.5 * (costs - costs[best]))
-    spread = math.sqrt(float(near @ (times[starts] - times[starts[best]]) ** 2 / near.sum()))
+    spread = math.sqrt(
+        float(near @ (times[starts] - times[starts[best]]) ** 2 / near.sum())
+    )
     step = float(times[1] - times[0])
     return Estimate(float(times[starts[best]]), max(spread, step / math.sqrt(12.0)))
 

@@ -79,7 +79,7 @@ def of_pendulum(
 
 
 @pytest.mark.parametrize(
-    ("lag", "late", "period"), [(0.02, 5, 0.004), (0.05, 0, 0.005), (0.01, 2, 0.002)]
+    ("lag", "late", "period"), [(0.02, 5, 0.004), (0.05, 0, 0.01)]
 )
 def test_lag_and_dead_time_of_a_pendulum_are_found(lag, late, period):
     """Without noise: the lag to 1 %, the dead time to the tick, and no mode."""
@@ -175,7 +175,9 @@ def test_the_excitation_stays_within_its_amplitude():
     swept = zmp[: excitation.taps[0] - 1]
     assert np.abs(swept).max(axis=0) == pytest.approx(0.1 * np.array(SOLE), rel=0.05)
     assert np.all(path[[0, -1]] == 0.0)
-    first, second = (path[k : k + excitation.sweep_ticks] for k in excitation.sweeps[:2])
+    first, second = (
+        path[k : k + excitation.sweep_ticks] for k in excitation.sweeps[:2]
+    )
     assert np.allclose(first, second, atol=1e-15)
     assert not set(excitation.bins[0]) & set(excitation.bins[1])
 

@@ -42,7 +42,8 @@ def measured_margin(
 ) -> MeasuredMargin:
     """Return how much more delay the loop of Eq. (31) bears on a measured response.
 
-    Beyond the highest frequency that was measured the loop gain is taken to be small.
+    Nothing is known beyond the highest frequency that was measured: a loop gain that is
+    not below 1 there counts as unstable.
 
     Args:
         fit: The response of the axis.
@@ -60,7 +61,8 @@ def measured_margin(
     L = loop_gain(k_p, k_c, SampledLoop(period=dt, zmp_cutoff=cutoff), z, C, P)
     # From the pole of the integrator, at -90 deg, to L = 0: a quarter turn.
     turn = np.unwrap(np.angle(1.0 + L))
-    if abs(turn[-1] - turn[0] - 0.5 * math.pi) > 0.5 * math.pi:
+    around = abs(turn[-1] - turn[0] - 0.5 * math.pi) > 0.5 * math.pi
+    if around or abs(L[-1]) >= 1.0:
         return MeasuredMargin(False, 0.0, math.nan)
     size = np.log(np.abs(L))
     (at,) = np.nonzero(size[:-1] * size[1:] < 0.0)

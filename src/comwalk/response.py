@@ -14,12 +14,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy.optimize
 
 _ROUNDS = 12  # of the linear fit, each weighted by the poles of the last
+_TRIES = 80  # of the fit that follows
+_ENOUGH = 0.2  # misfit at which a larger model has nothing left to explain [-]
 _MODEL_ERROR = 0.005  # share of a response up to which the model is believed [-]
 _SCALE = 20.0  # frequency that makes the coefficients comparable [rad/s]
 _MOST_DAMPED = 0.7  # damping ratio up to which a pair of poles is a mode [-]
@@ -265,32 +267,31 @@ def fit_model(
     first = _linear_fit(data, weights, orders, T, period)
     if not (np.isfinite(first).all() and np.isfinite(residual(first)).all()):
         return None
-    found = scipy.optimize.least_squares(residual, first, method="lm", x_scale="jac")
-    theta = found.x
-    misfit = 2.0 * found.cost / (len(found.fun) - len(theta))
+    options: dict[str, Any] = {"method": "lm", "x_scale": "jac", "max_nfev": _TRIES}
+    found = scipy.optimize.least_squares(residual, first, ftol=1e-6, **options)
+    misfit = 2.0 * found.cost / (len(found.fun) - len(found.x))
     C = np.linalg.pinv(found.jac.T @ found.jac, hermitian=True) * max(misfit, 1.0)
     highest = float(data.frequencies.max())
 
     def figures(theta: np.ndarray) -> np.ndarray:
         return _figures(theta, orders, period, highest)
 
-    values, spread = figures(theta), _deviations(figures, theta, C)
-    gain, lag, omega, frequency, damping = (
-        Estimate(float(x), float(d)) for x, d in zip(values, spread, strict=True)
-    )
-    has_mode = math.isfinite(frequency.value)
+    values, spread = figures(found.x), _deviations(figures, found.x, C)
+    pairs = zip(values.tolist(), spread.tolist(), strict=True)
+    gain, lag, omega, *mode = (Estimate(x, d) for x, d in pairs)
+    frequency, damping = mode if math.isfinite(mode[0].value) else (None, None)
     return ResponseFit(
         orders=orders,
-        dead_time=dead_time.value,
+        dead_time=T,
         period=period,
-        coefficients=theta,
+        coefficients=found.x,
         highest=highest,
         misfit=math.sqrt(misfit),
         gain=gain,
         lag=lag,
         omega=omega,
-        frequency=frequency if has_mode else None,
-        damping=damping if has_mode else None,
+        frequency=frequency,
+        damping=damping,
     )
 
 
@@ -313,14 +314,18 @@ def fit_responses(
     Returns:
         The fit.
     """
-    fits = [fit_model(data, orders, dead_time, period) for orders in models]
-    n = 4 * len(data.frequencies)
+    n, fits = 4 * len(data.frequencies), []
+    for orders in models:
+        if (fit := fit_model(data, orders, dead_time, period)) is not None:
+            fits.append(fit)
+            if fit.misfit < _ENOUGH:
+                break
 
     def cost(fit: ResponseFit) -> float:
         k = len(fit.coefficients)
         return fit.misfit**2 * (n - k) + k * math.log(n)
 
-    return min((fit for fit in fits if fit is not None), key=cost)
+    return min(fits, key=cost)
 
 
 def onset(times: np.ndarray, responses: np.ndarray) -> Estimate:

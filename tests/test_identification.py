@@ -78,9 +78,7 @@ def of_pendulum(
     return identify(plant, PointBody(), standing, replace(SHORT, highest=0.1 / period))
 
 
-@pytest.mark.parametrize(
-    ("lag", "late", "period"), [(0.02, 5, 0.004), (0.05, 0, 0.01)]
-)
+@pytest.mark.parametrize(("lag", "late", "period"), [(0.02, 5, 0.004), (0.05, 0, 0.01)])
 def test_lag_and_dead_time_of_a_pendulum_are_found(lag, late, period):
     """Without noise: the lag to 1 %, the dead time to the tick, and no mode."""
     found = of_pendulum(lag, late, period)

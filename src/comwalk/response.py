@@ -12,7 +12,7 @@ forces are averaged over it, and u is held over it.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -220,18 +220,21 @@ def _figures(
     return np.array([g, lag, omega, abs(mode) / math.tau, -mode.real / abs(mode)])
 
 
-def _deviations(
-    figures: Callable[[np.ndarray], np.ndarray], theta: np.ndarray, C: np.ndarray
-) -> np.ndarray:
-    """Return standard deviations of figures from the covariance C of theta."""
+def _estimates(
+    theta: np.ndarray, C: np.ndarray, orders: Orders, dt: float, highest: float
+) -> list[Estimate]:
+    """Return the figures, with deviations from the covariance C of theta."""
     columns = []
     for j, width in enumerate(np.sqrt(np.abs(np.diag(C)))):
         step = np.zeros_like(theta)
         step[j] = min(max(1e-3 * width, 1e-9), 1e-3)
-        difference = figures(theta + step) - figures(theta - step)
-        columns.append(difference / (2.0 * step[j]))
+        more, less = (_figures(theta + x, orders, dt, highest) for x in (step, -step))
+        columns.append((more - less) / (2.0 * step[j]))
     J = np.stack(columns, axis=1)
-    return np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", J, C, J), 0.0))
+    variances = np.maximum(np.einsum("ij,jk,ik->i", J, C, J), 0.0)
+    values = _figures(theta, orders, dt, highest).tolist()
+    pairs = zip(values, np.sqrt(variances).tolist(), strict=True)
+    return [Estimate(x, d) for x, d in pairs]
 
 
 def fit_model(
@@ -269,16 +272,10 @@ def fit_model(
         return None
     options: dict[str, Any] = {"method": "lm", "x_scale": "jac", "max_nfev": _TRIES}
     found = scipy.optimize.least_squares(residual, first, ftol=1e-6, **options)
-    misfit = 2.0 * found.cost / (len(found.fun) - len(found.x))
+    free = len(found.fun) - len(found.x)
+    misfit, highest = 2.0 * found.cost / free, float(data.frequencies.max())
     C = np.linalg.pinv(found.jac.T @ found.jac, hermitian=True) * max(misfit, 1.0)
-    highest = float(data.frequencies.max())
-
-    def figures(theta: np.ndarray) -> np.ndarray:
-        return _figures(theta, orders, period, highest)
-
-    values, spread = figures(found.x), _deviations(figures, found.x, C)
-    pairs = zip(values.tolist(), spread.tolist(), strict=True)
-    gain, lag, omega, *mode = (Estimate(x, d) for x, d in pairs)
+    gain, lag, omega, *mode = _estimates(found.x, C, orders, period, highest)
     frequency, damping = mode if math.isfinite(mode[0].value) else (None, None)
     return ResponseFit(
         orders=orders,

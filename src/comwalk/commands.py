@@ -310,8 +310,11 @@ def _read_summary(folder: Path) -> dict[str, Any]:
         summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
         summary["outcome"]
     except (OSError, ValueError, KeyError, TypeError):
+        hint = ""
+        if (folder / "run.mcap").is_file():
+            hint = "; if it was cut off, `comwalk log` tells what is left of it"
         raise RunError(
-            f"{folder} is not a run: it has no readable summary.json"
+            f"{folder} is not a run: it has no readable summary.json{hint}"
         ) from None
     return summary
 

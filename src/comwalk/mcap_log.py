@@ -150,12 +150,15 @@ class _Packer:
         self._offsets = {**_offsets(self._slow), **_offsets(self._fast)}
         self._slow_record, self._fast_record = _record(self._slow), _record(self._fast)
         group = [("slow", self._slow_record), ("fast", self._fast_record, (every,))]
-        self._blank = np.zeros((), np.dtype(group))
-        for stream, _, messages in self._parts(self._blank):
+        self._group = np.dtype(group)
+        # Bytes, since numpy copies fields and not what is between them.
+        blank = bytearray(self._group.itemsize)
+        for stream, _, messages in self._parts(np.frombuffer(blank, self._group)):
             length = len(stream.layout.template)
             messages["head"] = _head(self._channels[stream.topic], length)
             bodies = messages["body"].view(np.dtype((np.void, length)))
             bodies[...] = np.void(stream.layout.template)
+        self._blank = bytes(blank)
 
     def _parts(self, groups: np.ndarray) -> list[tuple[Stream, bool, np.ndarray]]:
         """Return all topics, whether they are slow, and their messages in groups."""
@@ -177,8 +180,8 @@ class _Packer:
         places = np.minimum(np.arange(count * k), n - 1)
         full = {name: array[places] for name, array in rows.items()}
         thin = {name: array[::k] for name, array in rows.items()}
-        groups, index = np.repeat(self._blank, count), {}
-        for stream, slow, messages in self._parts(groups):
+        buffer, index = bytearray(self._blank * count), {}
+        for stream, slow, messages in self._parts(np.frombuffer(buffer, self._group)):
             part, number = (thin, first // k) if slow else (full, first)
             times = _nanoseconds(part["t"]).reshape(messages.shape)
             _stamp(messages, times, number)
@@ -189,11 +192,11 @@ class _Packer:
             pairs = np.stack([times.ravel(), self._places(stream, count)], axis=1)
             index[self._channels[stream.topic]] = pairs[:many]
         unused = (count * k - n) * self._fast_record.itemsize
-        return groups.tobytes()[: groups.nbytes - unused], index
+        return bytes(buffer[: len(buffer) - unused]), index
 
     def _places(self, stream: Stream, count: int) -> np.ndarray:
         """Return where the messages of a topic are in groups."""
-        starts = np.arange(count) * self._blank.itemsize
+        starts = np.arange(count) * self._group.itemsize
         record = self._slow_record if stream.slow else self._fast_record
         starts += self._offsets[stream.topic]
         if stream.slow:

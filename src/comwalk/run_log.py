@@ -97,7 +97,7 @@ def inspect(path: Path) -> LogFacts:
         What is whole in it.
 
     Raises:
-        RunError: If it cannot be read, or comwalk did not write it.
+        RunError: If it cannot be read, comwalk did not write it, or nothing is in it.
     """
     names: dict[int, Topic] = {}
     notes: dict[str, Any] = {}
@@ -115,6 +115,10 @@ def inspect(path: Path) -> LogFacts:
                 first = spans.get(channel, (first, last))[0]
                 spans[channel] = first, last
                 counts[channel] = counts.get(channel, 0) + len(entries)
+    if not counts:
+        raise RunError(
+            f"{path} was cut off before its first message: nothing is left of the run"
+        )
     topics = tuple(
         TopicFacts(t.name, t.kind, counts[i], *(x / 1e9 for x in spans[i]), t.latched)
         for i, t in names.items()
@@ -167,17 +171,13 @@ def repair(path: Path) -> LogFacts:
 
     Raises:
         RunError: If it cannot be read or written, a run still writes it, or nothing
-            in it can be read.
+            is in it.
     """
     facts = inspect(path)
     if facts.end.whole:
         return facts
     if is_open(path):
         raise RunError(f"{path} is still being written; wait until the run is over")
-    if not facts.messages:
-        raise RunError(
-            f"{path} was cut off before its first message: nothing is left of the run"
-        )
     part = path.with_name(f".{path.name}.part")
     try:
         copy_whole(path, part)

@@ -15,14 +15,17 @@ from comwalk.gl import choose_backend
 choose_backend()  # before anything imports mujoco
 
 from comwalk.config import (  # noqa: E402
+    CertifyConfig,
     DanceConfig,
     Given,
     WalkConfig,
+    build_certificate,
     build_dance,
     build_walk,
 )
 from comwalk.figures import draw_figures  # noqa: E402
 from comwalk.footsteps import Gait  # noqa: E402
+from comwalk.gain_plane import plot_gain_plane  # noqa: E402
 from comwalk.render import View, render_run, still  # noqa: E402
 
 FILM = View(width=480, height=432, shadows=True, smooth=2, distance=1.6)
@@ -53,6 +56,12 @@ def film_walk(folder: Path) -> None:
     still(run.scene, run.log["qpos"][0], folder / "robot.png", view=PORTRAIT)
 
 
+def draw_gains(folder: Path) -> None:
+    """Draw the plane of the gains for the robot `paper`."""
+    certificate = build_certificate(CertifyConfig(exact=False))
+    plot_gain_plane(certificate, folder / "gains.png", title="paper")
+
+
 def film_dance(folder: Path) -> None:
     """Film two cycles of a dance, so that the film loops without a jump."""
     setup = build_dance(DanceConfig(amplitude=1.2, frequency=0.5, duration=10.0))
@@ -72,6 +81,7 @@ def main() -> None:
     parser.add_argument("folder", nargs="?", type=Path, default=default)
     folder = parser.parse_args().folder
     draw_figures(folder, print)
+    draw_gains(folder)
     print("filming the walk")
     film_walk(folder)
     print("filming the dance")

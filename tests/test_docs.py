@@ -158,3 +158,30 @@ def test_every_column_is_in_the_docs(tmp_path):
     table = FILES.split("Columns of `run.npz`")[1]
     named = set(re.findall(r"`(\w+)`", table))
     assert columns <= named, columns - named
+
+
+CERTIFICATES = (ROOT / "docs" / "certificates.md").read_text(encoding="utf-8")
+
+
+def test_certificates_print_what_the_page_says(capsys):
+    """Its snippets run one after the other, each with its output below it."""
+    pattern = r"```python\n(.*?)```\n\n```text\n(.*?)```"
+    pairs = re.findall(pattern, CERTIFICATES, flags=re.DOTALL)
+    assert len(pairs) == CERTIFICATES.count("```python") == 5
+    names: dict[str, object] = {}
+    for code, text in pairs:
+        exec(compile(code, "certificates.md", "exec"), names)
+        assert capsys.readouterr().out == text
+
+
+@pytest.mark.parametrize("line", re.findall(r"^comwalk .*", CERTIFICATES, re.MULTILINE))
+def test_commands_of_the_certificates_run(line, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert main(shlex.split(line.partition("#")[0])[1:]) == 0
+
+
+def test_tests_and_pictures_of_the_certificates_exist():
+    for file, name in re.findall(r"`(test_\w+\.py)::(\w+)`", CERTIFICATES):
+        assert f"def {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#]+)\)", CERTIFICATES):
+        assert (ROOT / "docs" / target).exists(), target

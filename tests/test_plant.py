@@ -307,3 +307,14 @@ def test_bad_disturbances_are_refused():
         module.sampled_disturbance(np.zeros(3), 0.0)
     with pytest.raises(ParameterError, match="b must be"):
         module.random_bounded(0.05, math.nan, 0)
+
+
+def test_rate_at_a_sample_time_is_that_to_the_right():
+    """Eq. (30): also where the quotient of two times rounds to just below a whole."""
+    samples, h = np.arange(300.0) ** 2, 0.02
+    disturbance = module.sampled_disturbance(samples, h)
+    for k in range(299):
+        for time in (k * h, k * 4 * 0.005, k * 10 * 0.002):
+            eps, rate = disturbance(time)
+            assert rate[0] == pytest.approx((2 * k + 1) / h)
+            assert eps[0] == pytest.approx(k**2, abs=1e-6)

@@ -197,7 +197,7 @@ def sampled_disturbance(samples: np.ndarray, dt: float) -> Disturbance:
     slopes = np.diff(table, axis=0) / h
 
     def disturbance(time: float) -> tuple[np.ndarray, np.ndarray]:
-        i = math.floor(time / h)
+        i = math.floor(time / h + 1e-9)  # a sample time is not just before itself
         if not 0 <= i < len(slopes):
             return table[0 if i < 0 else -1], np.zeros(2)
         return table[i] + slopes[i] * (time - i * h), slopes[i]

@@ -3,6 +3,10 @@ r"""Bounds on the errors of the loop as it is sampled, filtered and delayed, per
 The disturbance enters as in Eq. (30), :math:`\dot c = v + \epsilon`, and unlike in the
 ideal loop its rate counts: a jump of eps is a jump of the CoM's velocity, and the ZMP
 feels :math:`-\dot\epsilon / \omega_n^2` before the law can answer.
+
+Disturbances are linear over each tick, with the rate of a tick from its beginning on.
+One that swings within a tick is not covered: sampled at single instants it could look
+like another. Sensors average over the tick, which keeps such disturbances out.
 """
 
 from __future__ import annotations

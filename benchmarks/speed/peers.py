@@ -1,0 +1,375 @@
+"""The peers: pink, mink, placo and TSID, each given the same tasks in its own terms.
+
+Costs are 1 for what is asked for exactly, and 1e-3 for joint rates that are only wished.
+Targets are the poses that the wished velocities lead to within a tick.
+"""
+
+from __future__ import annotations
+
+import importlib
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from candidates import Candidate, Read, Tick
+from problem import DT, Problem, urdf_of
+
+WISHED = 1e-3
+"""Cost of joint rates that are only wished."""
+
+
+def _turned(R: np.ndarray, rate: np.ndarray) -> np.ndarray:
+    """Return a rotation after a tick at an angular velocity [rad/s], world."""
+    angle = float(np.linalg.norm(rate)) * DT
+    if angle == 0.0:
+        return R
+    x, y, z = rate * (DT / angle)
+    K = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return (np.eye(3) + np.sin(angle) * K + (1.0 - np.cos(angle)) * K @ K) @ R
+
+
+def _end_targets(problem: Problem, k: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return rotation and position of each end after a tick."""
+    ends = zip(problem.rotations[k], problem.points[k], problem.twists[k], strict=True)
+    return [(_turned(R, twist[3:]), p + DT * twist[:3]) for R, p, twist in ends]
+
+
+def _trunk_target(problem: Problem, k: int) -> np.ndarray:
+    """Return the rotation of the trunk after a tick."""
+    return _turned(problem.trunk[k], problem.trunk_rate[k])
+
+
+def _posture_costs(problem: Problem) -> np.ndarray:
+    """Return the cost of each joint's rate."""
+    costs = np.zeros(len(problem.robot.joints))
+    costs[problem.given], costs[problem.wished] = 1.0, WISHED
+    return costs
+
+
+# ---- Pinocchio's conventions ------------------------------------------------------
+
+
+class _Layout:
+    """Where pinocchio has our joints, and its configurations."""
+
+    def __init__(self, problem: Problem, names: list[str]) -> None:
+        """Find the joints by their names, the free joint left out."""
+        order = [problem.robot.joints.index(name) for name in names]
+        self._order, self._back = np.array(order), np.argsort(order)
+        self._trunk = problem.trunk
+        q, joints = problem.q, problem.q[:, 7:]
+        free = q[:, [0, 1, 2, 4, 5, 6, 3]]  # quaternions are xyzw there
+        self.q = np.hstack([free, joints[:, self._order]])
+        ahead = joints + DT * problem.rates
+        self.next_q = np.hstack([free, ahead[:, self._order]])
+
+    def theirs(self, values: np.ndarray) -> np.ndarray:
+        """Return what each joint has in pinocchio's order."""
+        return values[..., self._order]
+
+    def read(self, k: int, v: np.ndarray) -> np.ndarray:
+        """Return a velocity in our form: its base has body axes there."""
+        R = self._trunk[k]
+        return np.concatenate([R @ v[:3], R @ v[3:6], v[6:][self._back]])
+
+
+def _urdf_file(problem: Problem) -> str:
+    """Write the robot's URDF; returns its path."""
+    path = Path(tempfile.mkdtemp()) / "robot.urdf"
+    path.write_text(urdf_of(problem.robot.model), encoding="utf-8")
+    return str(path)
+
+
+# ---- pink ------------------------------------------------------------------------
+
+
+def pink(solver: str, limited: bool = False) -> Callable:
+    """Return what prepares pink with a QP solver."""
+
+    def make(problem: Problem) -> tuple[Tick, Read]:
+        import pinocchio as pin
+        from pink import Configuration, solve_ik
+        from pink.tasks import ComTask, FrameTask, PostureTask
+
+        model = pin.buildModelFromUrdf(_urdf_file(problem), pin.JointModelFreeFlyer())
+        layout = _Layout(problem, list(model.names)[2:])
+        ends = [FrameTask(f"site{s}", 1.0, 1.0) for s in problem.sites]
+        trunk, com = FrameTask("body1", 0.0, 1.0), ComTask(1.0)
+        posture = PostureTask(layout.theirs(_posture_costs(problem)))
+        tasks = [*ends, trunk, com, posture]
+        targets = []
+        for k in range(len(problem)):
+            poses = [pin.SE3(R, p) for R, p in _end_targets(problem, k)]
+            body = pin.SE3(_trunk_target(problem, k), problem.q[k, :3])
+            targets.append((poses, body, problem.com[k] + DT * problem.com_velocity[k]))
+        configuration = Configuration(model, model.createData(), layout.q[0])
+        limits = None if limited else []
+
+        def tick(k: int) -> np.ndarray:
+            configuration.update(layout.q[k])
+            poses, body, point = targets[k]
+            for task, pose in zip(ends, poses, strict=True):
+                task.set_target(pose)
+            trunk.set_target(body)
+            com.set_target(point)
+            posture.set_target(layout.next_q[k])
+            return solve_ik(
+                configuration, tasks, DT, solver, limits=limits, safety_break=False
+            )
+
+        return tick, layout.read
+
+    return make
+
+
+# ---- mink ------------------------------------------------------------------------
+
+
+def mink(solver: str, limits: str = "none") -> Callable:
+    """Return what prepares mink with a QP solver and "no", "default" or "kept" limits."""
+
+    def make(problem: Problem) -> tuple[Tick, Read]:
+        from mink import SE3, SO3, ComTask, Configuration, ConfigurationLimit
+        from mink import FrameTask, PostureTask, solve_ik
+
+        model = problem.robot.model
+        configuration = Configuration(model)
+        ends = [FrameTask(s, "site", 1.0, 1.0) for s in problem.sites]
+        trunk, com = FrameTask(problem.robot.base_body, "body", 0.0, 1.0), ComTask(1.0)
+        costs = np.concatenate([np.zeros(6), _posture_costs(problem)])
+        posture = PostureTask(model, costs)
+        tasks = [*ends, trunk, com, posture]
+
+        def pose(R: np.ndarray, p: np.ndarray) -> SE3:
+            return SE3.from_rotation_and_translation(SO3.from_matrix(R), p)
+
+        targets = [
+            (
+                [pose(R, p) for R, p in _end_targets(problem, k)],
+                pose(_trunk_target(problem, k), problem.q[k, :3]),
+                problem.com[k] + DT * problem.com_velocity[k],
+            )
+            for k in range(len(problem))
+        ]
+        ahead = problem.q.copy()
+        ahead[:, 7:] += DT * problem.rates
+        kept = {"none": [], "default": None, "kept": [ConfigurationLimit(model)]}
+        wanted = kept[limits]
+
+        def tick(k: int) -> np.ndarray:
+            configuration.update(problem.q[k])
+            poses, body, point = targets[k]
+            for task, target in zip(ends, poses, strict=True):
+                task.set_target(target)
+            trunk.set_target(body)
+            com.set_target(point)
+            posture.set_target(ahead[k])
+            return solve_ik(configuration, tasks, DT, solver, limits=wanted)
+
+        def read(k: int, v: np.ndarray) -> np.ndarray:
+            return np.concatenate([v[:3], problem.trunk[k] @ v[3:6], v[6:]])
+
+        return tick, read
+
+    return make
+
+
+# ---- placo -----------------------------------------------------------------------
+
+
+def placo(limited: bool = False) -> Callable:
+    """Return what prepares placo's kinematics solver, in C++."""
+
+    def make(problem: Problem) -> tuple[Tick, Read]:
+        import placo
+
+        robot = placo.RobotWrapper(_urdf_file(problem), placo.Flags.ignore_collisions)
+        layout = _Layout(problem, list(robot.joint_names()))
+        solver = placo.KinematicsSolver(robot)
+        solver.dt = DT
+        solver.enable_joint_limits(limited)
+        solver.enable_velocity_limits(limited)
+        robot.state.q = layout.q[0]
+        robot.update_kinematics()
+        com = solver.add_com_task(problem.com[0])
+        com.configure("com", "soft", 1.0)
+        trunk = solver.add_orientation_task("body1", np.eye(3))
+        trunk.configure("trunk", "soft", 1.0)
+        ends = []
+        for s in problem.sites:
+            task = solver.add_frame_task(f"site{s}", np.eye(4))
+            task.configure(f"site{s}", "soft", 1.0, 1.0)
+            ends.append(task)
+        names = problem.robot.joints
+        groups = [(problem.given, 1.0), (problem.wished, WISHED**2)]
+        groups = [(joints, weight) for joints, weight in groups if len(joints)]
+        postures = []
+        for joints, weight in groups:
+            task = solver.add_joints_task()
+            task.configure("posture", "soft", weight)
+            postures.append(task)
+        targets = []
+        for k in range(len(problem)):
+            poses = [np.eye(4) for _ in problem.sites]
+            for pose, (R, p) in zip(poses, _end_targets(problem, k), strict=True):
+                pose[:3, :3], pose[:3, 3] = R, p
+            angles = problem.q[k, 7:] + DT * problem.rates[k]
+            wishes = [{names[j]: float(angles[j]) for j in g} for g, _ in groups]
+            point = problem.com[k] + DT * problem.com_velocity[k]
+            targets.append((poses, _trunk_target(problem, k), point, wishes))
+
+        def tick(k: int) -> np.ndarray:
+            robot.state.q = layout.q[k]
+            robot.update_kinematics()
+            poses, body, point, wishes = targets[k]
+            for task, pose in zip(ends, poses, strict=True):
+                task.T_world_frame = pose
+            trunk.R_world_frame = body
+            com.target_world = point
+            for task, wish in zip(postures, wishes, strict=True):
+                task.set_joints(wish)
+            return solver.solve(False)
+
+        return tick, lambda k, step: layout.read(k, step / DT)
+
+    return make
+
+
+# ---- TSID ------------------------------------------------------------------------
+
+
+def tsid(problem: Problem) -> tuple[Tick, Read]:
+    """Prepare TSID: accelerations and contact forces from rest.
+
+    It is asked for accelerations as large, per second, as the velocities that the others
+    are asked for; it finds forces of the ground with them, within friction cones.
+    """
+    import pinocchio as pin
+
+    lib = _tsid()
+    model = pin.buildModelFromUrdf(_urdf_file(problem), pin.JointModelFreeFlyer())
+    layout = _Layout(problem, list(model.names)[2:])
+    robot = lib.RobotWrapper(model, lib.FLOATING_BASE_SYSTEM, False)
+    formulation = lib.InverseDynamicsFormulationAccForce("tsid", robot, False)
+    rest = np.zeros(model.nv)
+    formulation.computeProblemData(0.0, layout.q[0], rest)
+    data = formulation.data()
+    contact = _contact(lib, robot, f"site{problem.sites[0]}")
+    contact.setReference(robot.framePosition(data, model.getFrameId(contact.name)))
+    formulation.addRigidContact(contact, 1e-8, 1.0, 0)
+    frames = [(f"site{s}", np.ones(6)) for s in problem.sites[1:]]
+    frames.append(("body1", np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])))
+    bodies = [_frame_task(lib, robot, formulation, *frame) for frame in frames]
+    com = lib.TaskComEquality("com", robot)
+    com.setKp(np.zeros(3))
+    com.setKd(np.zeros(3))
+    formulation.addMotionTask(com, 1.0, 1, 0.0)
+    na, postures = robot.na, []
+    for name, joints, weight in (
+        ("given", problem.given, 1.0),
+        ("wished", problem.wished, WISHED**2),
+    ):
+        if not len(joints):
+            continue
+        mask = np.zeros(na)
+        mask[joints] = 1.0
+        task = lib.TaskJointPosture(name, robot)
+        task.setKp(np.zeros(na))
+        task.setKd(np.zeros(na))
+        task.setMask(layout.theirs(mask))
+        formulation.addMotionTask(task, weight, 1, 0.0)
+        postures.append(task)
+    solver = lib.SolverHQuadProgFast("qp")
+    solver.resize(formulation.nVar, formulation.nEq, formulation.nIn)
+    rates = layout.theirs(problem.rates)
+    samples = [
+        (
+            [_sample(lib, 12, 6, a) for a in _twists(problem, k)],
+            _sample(lib, 3, 3, problem.com_velocity[k]),
+            _sample(lib, na, na, rates[k]),
+        )
+        for k in range(len(problem))
+    ]
+
+    def tick(k: int) -> np.ndarray:
+        ends, point, wish = samples[k]
+        for task, sample in zip(bodies, ends, strict=True):
+            task.setReference(sample)
+        com.setReference(point)
+        for task in postures:
+            task.setReference(wish)
+        problem_data = formulation.computeProblemData(0.0, layout.q[k], rest)
+        return formulation.getAccelerations(solver.solve(problem_data))
+
+    tick.kept = (contact, solver, robot, model)  # it holds raw references to them
+    return tick, layout.read
+
+
+def _tsid() -> Any:
+    """Return the module, whose wheel may lack its __init__."""
+    import eigenpy  # noqa: F401  before it, or its types are unknown
+
+    package = importlib.import_module("tsid")
+    if hasattr(package, "RobotWrapper"):
+        return package
+    return importlib.import_module("tsid.tsid_pywrap")
+
+
+def _twists(problem: Problem, k: int) -> list[np.ndarray]:
+    """Return the twists of all ends but the base's, and the trunk's."""
+    trunk = np.concatenate([np.zeros(3), problem.trunk_rate[k]])
+    return [*problem.twists[k, 1:], trunk]
+
+
+def _sample(lib: Any, size: int, rates: int, acceleration: np.ndarray) -> Any:
+    """Return an acceleration as a reference."""
+    sample = lib.TrajectorySample(size, rates)
+    zeros = np.zeros(size)
+    if size == 12:
+        zeros[[3, 7, 11]] = 1.0
+    sample.value(zeros)
+    sample.derivative(np.zeros(rates))
+    sample.second_derivative(acceleration)
+    return sample
+
+
+def _contact(lib: Any, robot: Any, frame: str) -> Any:
+    """Return a contact with the ground, so wide that its edges are no limit."""
+    x, y = 2.0, 2.0
+    corners = np.array([[-x, -x, x, x], [-y, y, -y, y], [0.0] * 4])
+    up = np.array([0.0, 0.0, 1.0])
+    contact = lib.Contact6d(frame, robot, frame, corners, up, 0.7, 1.0, 1e4)
+    contact.setKp(np.zeros(6))
+    contact.setKd(np.zeros(6))
+    return contact
+
+
+def _frame_task(
+    lib: Any, robot: Any, formulation: Any, frame: str, mask: np.ndarray
+) -> Any:
+    """Add the task of a frame."""
+    task = lib.TaskSE3Equality(frame, robot, frame)
+    task.setKp(np.zeros(6))
+    task.setKd(np.zeros(6))
+    task.setMask(mask)
+    task.useLocalFrame(False)
+    formulation.addMotionTask(task, 1.0, 1, 0.0)
+    return task
+
+
+PIN, MINK = ("pinocchio", "pink", "qpsolvers"), ("mink", "qpsolvers")
+PEERS = (
+    Candidate("pink, daqp", pink("daqp"), (*PIN, "daqp"), 1e-3),
+    Candidate("pink, quadprog", pink("quadprog"), (*PIN, "quadprog"), 1e-3),
+    Candidate("pink, daqp, limits", pink("daqp", True), (*PIN, "daqp")),
+    Candidate("mink, daqp", mink("daqp"), (*MINK, "daqp"), 1e-3),
+    Candidate("mink, quadprog", mink("quadprog"), (*MINK, "quadprog"), 1e-3),
+    Candidate("mink, daqp, default limits", mink("daqp", "default"), (*MINK, "daqp")),
+    Candidate("mink, daqp, limits kept", mink("daqp", "kept"), (*MINK, "daqp")),
+    Candidate("placo (C++)", placo(), ("placo",), 5e-3),
+    Candidate("placo (C++), limits", placo(True), ("placo",)),
+    Candidate("TSID (C++), with forces", tsid, ("pinocchio", "tsid"), 5e-3),
+)

@@ -1,13 +1,13 @@
 """The peers: pink, mink, placo and TSID, each given the same tasks in its own terms.
 
-Costs are 1 for what is asked for exactly, and 1e-3 for joint rates that are only wished.
-Targets are the poses that the wished velocities lead to within a tick.
+Costs are 1 for what is asked for exactly, and 1e-3 for joint rates that are only
+wished. Targets are the poses that the wished velocities lead to within a
+tick.
 """
 
 from __future__ import annotations
 
 import importlib
-import os
 import tempfile
 from collections.abc import Callable
 from pathlib import Path
@@ -129,11 +129,19 @@ def pink(solver: str, limited: bool = False) -> Callable:
 
 
 def mink(solver: str, limits: str = "none") -> Callable:
-    """Return what prepares mink with a QP solver and "no", "default" or "kept" limits."""
+    """Return what prepares mink with a QP solver and no, default or kept limits."""
 
     def make(problem: Problem) -> tuple[Tick, Read]:
-        from mink import SE3, SO3, ComTask, Configuration, ConfigurationLimit
-        from mink import FrameTask, PostureTask, solve_ik
+        from mink import (
+            SE3,
+            SO3,
+            ComTask,
+            Configuration,
+            ConfigurationLimit,
+            FrameTask,
+            PostureTask,
+            solve_ik,
+        )
 
         model = problem.robot.model
         configuration = Configuration(model)
@@ -207,7 +215,7 @@ def placo(limited: bool = False) -> Callable:
         groups = [(problem.given, 1.0), (problem.wished, WISHED**2)]
         groups = [(joints, weight) for joints, weight in groups if len(joints)]
         postures = []
-        for joints, weight in groups:
+        for _, weight in groups:
             task = solver.add_joints_task()
             task.configure("posture", "soft", weight)
             postures.append(task)
@@ -244,8 +252,8 @@ def placo(limited: bool = False) -> Callable:
 def tsid(problem: Problem) -> tuple[Tick, Read]:
     """Prepare TSID: accelerations and contact forces from rest.
 
-    It is asked for accelerations as large, per second, as the velocities that the others
-    are asked for; it finds forces of the ground with them, within friction cones.
+    It is asked for accelerations as large, per second, as the velocities that the
+    others are asked for; it finds the ground's forces too, within friction cones.
     """
     import pinocchio as pin
 

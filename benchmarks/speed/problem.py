@@ -253,7 +253,9 @@ def urdf_of(model: mujoco.MjModel) -> str:
     return ET.tostring(root, encoding="unicode")
 
 
-def _add_link(root: ET.Element, model: mujoco.MjModel, b: int, anchor: np.ndarray) -> None:
+def _add_link(
+    root: ET.Element, model: mujoco.MjModel, b: int, anchor: np.ndarray
+) -> None:
     """Append a body and its inertia."""
     link = ET.SubElement(root, "link", name=f"body{b}")
     inertial = ET.SubElement(link, "inertial")

@@ -39,6 +39,7 @@ ORDER = (
     "sampled_bounds",
     "response",
     "measured_loop",
+    "monte_carlo",
     "control",
     "certificate",
     "certificate_table",

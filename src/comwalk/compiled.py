@@ -20,6 +20,9 @@ try:
 except ImportError:
     numba = None
 
+parallel_range = range if numba is None else numba.prange
+"""The range of the outer loop of a batch, whose rounds may run side by side."""
+
 COMPILES = numba is not None
 """Whether kernels are compiled here."""
 
@@ -36,3 +39,20 @@ def kernel(function: _Kernel) -> _Kernel:
     if numba is None:
         return function
     return cast(_Kernel, numba.njit(cache=True, error_model="numpy")(function))
+
+
+def batch_kernel(function: _Kernel) -> _Kernel:
+    """Return a function compiled like a kernel, whose outer loop uses all cores.
+
+    Its result does not depend on the number of cores.
+
+    Args:
+        function: A function of numbers and arrays with a loop over `parallel_range`.
+
+    Returns:
+        The compiled function; the function itself without numba.
+    """
+    if numba is None:
+        return function
+    compiled = numba.njit(cache=True, error_model="numpy", parallel=True)
+    return cast(_Kernel, compiled(function))

@@ -257,6 +257,26 @@ def tick_of(pendulum: Pendulum, loop: SampledLoop) -> tuple[Tick, float]:
     return _tick(pendulum, replace(loop, delay=0)), alpha
 
 
+def disturbance_response(pendulum: Pendulum, loop: SampledLoop) -> np.ndarray:
+    """Return what a disturbance does to the state over a period, before the filter.
+
+    Args:
+        pendulum: Gives omega_n [rad/s].
+        loop: Period, servo lag, contact, and the filter if analog.
+
+    Returns:
+        From eps at the start of the period, and from its rate, which is constant, to
+        the state of `motion`, (n, 2).
+    """
+    from scipy.linalg import expm
+
+    x = motion(pendulum, loop)
+    n = len(x.b)
+    A = np.zeros((n + 2, n + 2))
+    A[:n, :n], A[:n, n:], A[n, n + 1] = x.A, x.b_eps, 1.0
+    return expm(A * loop.period)[:n, n:]
+
+
 def sampled_loop_matrix(
     pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop
 ) -> np.ndarray:

@@ -19,7 +19,13 @@ import numpy as np
 from .errors import ParameterError, checked_number
 from .margins import decay_rate
 from .pendulum import Pendulum
-from .sampled import SampledLoop, motion, sampled_loop_matrix, tick_of
+from .sampled import (
+    SampledLoop,
+    disturbance_response,
+    motion,
+    sampled_loop_matrix,
+    tick_of,
+)
 from .stability import worst_disturbance
 
 MAX_TICKS = 200_000
@@ -119,13 +125,8 @@ def _disturbed(
     pendulum: Pendulum, loop: SampledLoop, size: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return what eps, its rate, and its rate of the next tick do to the state."""
-    from scipy.linalg import expm
-
     x, (_, alpha) = motion(pendulum, loop), tick_of(pendulum, loop)
-    n = len(x.b)
-    A = np.zeros((n + 2, n + 2))
-    A[:n, :n], A[:n, n:], A[n, n + 1] = x.A, x.b_eps, 1.0
-    E = expm(A * loop.period)[:n, n:]
+    n, E = len(x.b), disturbance_response(pendulum, loop)
     g = np.zeros((size, 3))
     g[:n, :2] = E
     if loop.analog_cutoff is None:

@@ -696,7 +696,7 @@ def zmp_peak_gain(pendulum: Pendulum, k_p: float, k_c: float) -> float:
     return 1.0 / k_p + _absolute_area(h_0, h_0 * (k_c - a_1), a_1, a_0)
 
 
-def _ramp_step(
+def ramp_step(
     pendulum: Pendulum, k_p: float, k_c: float, dt: float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return F, G_0, G_1 of x+ = F x + G_0 eps + G_1 eps+, with x = (e_c, e_c').
@@ -751,7 +751,7 @@ def simulate_error_dynamics(
     eps = np.asarray(disturbance, dtype=float)
     if eps.ndim != 1 or not (np.isfinite(eps).all() and np.isfinite(initial).all()):
         raise ParameterError("disturbance (n,) and initial (2,) must be finite numbers")
-    F, G_0, G_1 = _ramp_step(pendulum, k_p, k_c, h)
+    F, G_0, G_1 = ramp_step(pendulum, k_p, k_c, h)
     x = np.empty((len(eps), 2))
     x[:1] = initial
     for i in range(len(eps) - 1):
@@ -774,7 +774,7 @@ def _output_weights(
     pendulum: Pendulum, k_p: float, k_c: float, output: Output, n: int, dt: float
 ) -> np.ndarray:
     """Return w with final error = w @ eps, from rest, of shape (n,)."""
-    F, G_0, G_1 = _ramp_step(pendulum, k_p, k_c, dt)
+    F, G_0, G_1 = ramp_step(pendulum, k_p, k_c, dt)
     row = np.array([1.0, 0.0] if output == "com" else [k_c / k_p, 1.0 / k_p])
     w = np.zeros(n)
     w[-1] = 0.0 if output == "com" else 1.0 / k_p

@@ -24,7 +24,7 @@ from comwalk.published import PUBLISHED
 from comwalk.robot import load_robot
 from comwalk.sampled import SampledLoop, spectral_radius
 from comwalk.sampled_bounds import sampled_weights, sampled_worst_case
-from comwalk.stability import is_hurwitz, worst_case
+from comwalk.stability import is_hurwitz, proof_condition, worst_case
 
 PAPER, LOOP = Pendulum(), SampledLoop()
 ROOM = SoleRoom(walking=(0.12, 0.065), standing=(0.12, 0.155))
@@ -174,6 +174,8 @@ def test_published_gains_are_where_they_are_said_to_be():
     """Their own ideal loops: all but one are stable; some break the paper's proof."""
     unstable = [g.robot for g in PUBLISHED if not is_hurwitz(g.k_p, g.k_c)]
     assert unstable == ["G1, FrJoCo"]
+    proved = [g for g in PUBLISHED if proof_condition(g.pendulum, g.k_p, g.k_c)]
+    assert len(PUBLISHED) - len(unstable) - len(proved) == 7
     assert len({(g.robot, g.use) for g in PUBLISHED}) == len(PUBLISHED)
 
 

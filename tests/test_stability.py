@@ -229,6 +229,19 @@ def test_frequency_response(gains, frequency, com, zmp):
     assert response == pytest.approx([G_c, G_p], rel=1e-10)
 
 
+def test_highest_responses():
+    """Eqs. (35), (36): peaks, x at 0.384 and 0.689 Hz; e_p in y rises to 1 / k_p."""
+    frequencies = np.linspace(0.0, 3.0, 3001).tolist()
+    responses = np.abs([s.frequency_response(PAPER, *X, f) for f in frequencies])
+    assert responses.max(axis=0) == pytest.approx([0.295251, 0.532550], abs=2e-6)
+    assert [frequencies[i] for i in responses.argmax(axis=0)] == pytest.approx(
+        [0.384, 0.689], abs=1e-3
+    )
+    response = [abs(s.frequency_response(PAPER, *Y, f)[1]) for f in (10, 100, 1e4)]
+    assert response == sorted(response)
+    assert response[-1] == pytest.approx(1.0 / Y[0], rel=1e-6)
+
+
 def test_constant_disturbance_shifts_com_and_zmp_alike():
     """Eqs. (35), (36): e_c = e_p = -eps / (k_c - k_p) at rest."""
     for k_p, k_c in (X, Y):

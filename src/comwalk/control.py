@@ -180,11 +180,14 @@ def _check_axis(
         remedy = (
             f"set zmp_cutoff to {0.5 * highest:.2g} Hz (stable below {highest:.3g})"
         )
+    more = f" and {1e3 * loop.dead_time:g} ms" if loop.dead_time else ""
+    if loop.mode_frequency is not None:
+        more += f", a ZMP that swings at {loop.mode_frequency:g} Hz"
     raise ParameterError(
         f"{zmp} = {k_p:g} and {com} = {k_c:g} 1/s are unstable in {axis} at a period "
         f"of {1e3 * loop.period:g} ms, servo lag {1e3 * loop.servo_lag:g} ms, delay "
-        f"{loop.delay} ticks, zmp_cutoff {given:g} Hz: errors grow {radius:.4g} times "
-        f"a tick; {remedy}"
+        f"{loop.delay} ticks{more}, zmp_cutoff {given:g} Hz: errors grow {radius:.4g} "
+        f"times a tick; {remedy}"
     )
 
 

@@ -105,14 +105,21 @@ ORDER = (
     "plot",
     "gain_plane",
     "response_plot",
-    "run",
+    "record",
     "recording",
     "gl",
+    "video",
     "render",
     "portrait",
     "shapes",
     "page_server",
     "scene",
+    "charts",
+    "run_charts",
+    "tables",
+    "page",
+    "report",
+    "run",
     # For people.
     "config",
     "trials",
@@ -120,6 +127,7 @@ ORDER = (
     "bench_report",
     "figures",
     "flags",
+    "page_commands",
     "commands",
     "robot_commands",
     "log_commands",
@@ -133,7 +141,7 @@ ORDER = (
 
 _COMMANDS = {
     *("bench_commands", "certify_commands", "cli", "commands", "log_commands"),
-    *("identify_commands", "robot_commands"),
+    *("identify_commands", "page_commands", "robot_commands"),
 }
 
 PACKAGES = {
@@ -148,6 +156,7 @@ PACKAGES = {
     "numba": {"compiled", "handles"},
     "trimesh": {"mesh_files"},
     "viser": {"page_server", "scene"},
+    "av": {"video"},
     "mcap": {"mcap_file", "run_log"},
     "zstandard": {"mcap_file"},
     "matplotlib": {"gain_plane", "plot", "response_plot", "figures", "render"},

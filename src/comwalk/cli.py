@@ -39,6 +39,8 @@ _LOG = {
 }
 _IDENTIFY = "Shake the standing robot; tell lag, dead time, compliance and noise."
 _BENCH = "Try robots on walks, dances, floors, pushes and loads."
+_REPORT = "Write a run, or two side by side, as one page that works offline."
+_FILM = "Film a run, or take stills of it, without a window."
 _PAIRS = re.compile(r"--gains\.[\w-]+|--disturbance")
 
 
@@ -102,6 +104,8 @@ def _app() -> App:
         f"{__package__}.identify_commands:identify", name="identify", help=_IDENTIFY
     )
     app.command(f"{__package__}.bench_commands:bench", name="bench", help=_BENCH)
+    app.command(f"{__package__}.page_commands:report", name="report", help=_REPORT)
+    app.command(f"{__package__}.page_commands:film", name="film", help=_FILM)
     return app
 
 

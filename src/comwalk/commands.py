@@ -30,7 +30,7 @@ from .config import (
     table_of,
 )
 from .dances import BUILTIN_MOTIONS, builtin_motion
-from .errors import ModelError, ParameterError, RunError
+from .errors import ModelError, ParameterError
 from .flags import flags_of, given_flags, with_flags
 from .footsteps import plan_steps
 from .motion import Motion
@@ -44,7 +44,7 @@ LARGEST_REPLAY_ERROR = 1e-6
 # ---- Flags ----------------------------------------------------------------------
 
 _WalkFlags = flags_of(WalkConfig, ("robot",))
-_CheckFlags = flags_of(WalkConfig, ("robot", "out", "force"))
+_CheckFlags = flags_of(WalkConfig, ("robot", "out", "force", "report", "video"))
 _DanceFlags = flags_of(DanceConfig, ("robot",))
 _PatternFlags = flags_of(PatternConfig)
 
@@ -286,7 +286,9 @@ def replay(
     With --verify the exit code is 1 if the replay leaves the record by more than 1e-6.
     """
     if not verify:
-        summary = _read_summary(folder)
+        from .record import read_summary
+
+        summary = read_summary(folder)
         _print_json(summary) if json else _print_summary(summary, folder)
         return 0
     from .run import replay as play
@@ -304,33 +306,21 @@ def replay(
     return 0 if same else 1
 
 
-def _read_summary(folder: Path) -> dict[str, Any]:
-    """Return the summary of a run."""
-    try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-        summary["outcome"]
-    except (OSError, ValueError, KeyError, TypeError):
-        hint = ""
-        if (folder / "run.mcap").is_file():
-            hint = "; if it was cut off, `comwalk log` tells what is left of it"
-        raise RunError(
-            f"{folder} is not a run: it has no readable summary.json{hint}"
-        ) from None
-    return summary
-
-
 # ---- Running ----------------------------------------------------------------------
 
 
 def _perform(settings: RobotConfig, setup: Setup, command: str, words: str) -> int:
     """Simulate, save and print; return the exit code."""
     from .mcap_log import MCAP_NAME
+    from .page_commands import check_wishes, fulfil_wishes
     from .run import prepare_folder
 
+    check_wishes(settings)
     folder = _run_folder(settings.out, command)
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     prepare_folder(folder)
-    table = table_of(dataclasses.replace(settings, out=None, json=False))
+    kept = dataclasses.replace(settings, out=None, report=False, video=(), json=False)
+    table = table_of(kept)
     about = {"command": words, "config": table, "notes": list(setup.notes)}
     try:
         with _progress(setup.pattern.duration, settings.json) as progress:
@@ -344,6 +334,8 @@ def _perform(settings: RobotConfig, setup: Setup, command: str, words: str) -> i
     run.save(folder)
     summary = run.summary()
     _print_json(summary) if settings.json else _print_summary(summary, folder)
+    if not fulfil_wishes(run, folder, settings):
+        return 2
     return 0 if run.outcome.ok else 1
 
 

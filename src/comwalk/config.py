@@ -146,6 +146,11 @@ class RobotConfig:
     """Seed of all random numbers, in [0, 4294967295]."""
     out: str | None = None
     """Folder for the results; a new one under runs/ if not given."""
+    report: bool = False
+    """Write report.html: the run in 3D, its figures and settings as one page."""
+    video: tuple[str, ...] = ()
+    """Film of the run, .mp4 (needs the extra `video`), .webp or .gif; .png and .jpg are
+    stills side by side; may be given several times."""
     json: bool = False
     """Print one JSON object instead of tables."""
 

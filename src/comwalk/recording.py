@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 import numpy as np
@@ -15,10 +14,13 @@ import numpy as np
 from .errors import ComwalkError, RunError
 from .footsteps import Foothold, Footstep, FootstepPlan, Side
 from .pattern import Phase
+from .record import read_columns, read_summary
 from .robot import load_robot
-from .run import Run, load_recording
 from .settings import SimulatorSettings
 from .simulator import build_scene
+
+if TYPE_CHECKING:
+    from .run import Run
 
 
 class Moment(NamedTuple):
@@ -133,15 +135,15 @@ def recording_of(source: Run | str | Path, *, geometry: bool = False) -> Recordi
     Raises:
         RunError: If the run had no robot, or the folder is no readable run.
     """
-    if isinstance(source, Run):
-        if source.scene is None:
-            raise RunError("the simplified model cannot be seen; run it with a robot")
-        model, columns = source.scene, source.log.columns
-        settings, plan = source.settings, source.pattern.plan
-    else:
+    if isinstance(source, (str, Path)):
         model, columns = load_recording(source)
         settings = _settings_in(Path(source))
         plan = _plan_of(settings.get("plan"))
+    elif source.scene is None:
+        raise RunError("the simplified model cannot be seen; run it with a robot")
+    else:
+        model, columns = source.scene, source.log.columns
+        settings, plan = source.settings, source.pattern.plan
     missing = [name for name in _SEEN if name not in columns]
     if missing:
         raise RunError(f"the run lacks {', '.join(missing)}; walk it anew")
@@ -152,12 +154,47 @@ def recording_of(source: Run | str | Path, *, geometry: bool = False) -> Recordi
     return Recording(model, columns, settings, plan)
 
 
+def load_recording(folder: str | Path) -> tuple[mujoco.MjModel, dict[str, np.ndarray]]:
+    """Load the model and the columns of a saved run.
+
+    Args:
+        folder: A folder that `Run.save` wrote.
+
+    Returns:
+        The compiled model, and run.npz as arrays by name.
+
+    Raises:
+        RunError: If a file is missing or broken, or the run had no robot.
+    """
+    path = Path(folder)
+    columns = read_columns(path)
+    if not (path / "scene.mjb").is_file():
+        raise RunError(f"{path} is not a run of a robot: it has no scene.mjb")
+    try:
+        model = mujoco.MjModel.from_binary_path(str(path / "scene.mjb"))
+    except (OSError, ValueError, mujoco.FatalError):
+        raise RunError(
+            f"{path}/scene.mjb is broken: it is no model of this version of MuJoCo"
+        ) from None
+    widths = {"qpos": model.nq, "qvel": model.nv, "ctrl": model.nu}
+    missing = {*widths, "substeps"} - set(columns)
+    if missing:
+        raise RunError(f"{path}/run.npz lacks {', '.join(sorted(missing))}")
+    rows = len(columns["qpos"])
+    for name, width in widths.items():
+        if columns[name].shape != (rows, width):
+            raise RunError(
+                f"{path}/run.npz does not fit scene.mjb: {name} has the shape "
+                f"{columns[name].shape}, and the model asks for {(rows, width)}"
+            )
+    return model, columns
+
+
 def _settings_in(folder: Path) -> dict[str, Any]:
     """Return the settings in a run's summary; none if it is missing."""
     try:
-        summary = json.loads((folder / "summary.json").read_text(encoding="utf-8"))
-        return dict(summary["settings"])
-    except (OSError, ValueError, KeyError, TypeError):
+        return read_summary(folder)["settings"]
+    except RunError:
         return {}
 
 
@@ -182,6 +219,8 @@ def _with_meshes(
     model: mujoco.MjModel, settings: Mapping[str, Any], plan: FootstepPlan | None
 ) -> mujoco.MjModel:
     """Return the scene with the robot's meshes, or the model itself."""
+    if model.nmesh:
+        return model
     config = settings.get("config") or {}
     try:
         robot = load_robot(

@@ -7,25 +7,28 @@ from __future__ import annotations
 
 import copy
 import math
-from collections.abc import Callable, Generator, Sequence
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import mujoco
 import numpy as np
 from PIL import Image
 
-from .errors import RunError, checked_number
+from .errors import RunError, checked_number, one_line
 from .footsteps import Side
 from .gl import no_opengl, open_context
 from .pattern import Phase
 from .polygon import convex_hull
 from .recording import highest_box, recording_of, sole_box
-from .run import Run
 from .spatial import yaw_of_quaternion
+from .video import FILMS, check_film, mp4_writer
+
+if TYPE_CHECKING:
+    from .run import Run
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -172,17 +175,17 @@ def render_run(
     quality: int = 70,
     progress: Callable[[float], None] | None = None,
 ) -> int:
-    """Write a run as an animation, or as a film strip of stills side by side.
+    """Write a run as a film, or as a strip of stills side by side.
 
     Args:
         source: A run of a robot, or its folder.
-        path: The file; .webp and .gif are animations, .png and .jpg film strips.
+        path: The file; .mp4, .webp and .gif are films, .png and .jpg strips of stills.
         view: Camera and size of each picture.
         start: When it starts [s].
         stop: When it ends [s]; None for the end of the run.
-        fps: Pictures per second of an animation.
-        count: Pictures of a film strip.
-        quality: Quality of an animation, 1 to 100; more makes a larger file.
+        fps: Pictures per second of a film.
+        count: Pictures of a strip.
+        quality: Quality of a film, 1 to 100; more makes a larger file.
         progress: Called with the share that is done, from 0 to 1.
 
     Returns:
@@ -200,23 +203,23 @@ def render_run(
     end = min(end, last)
     checked_number("fps", fps, unit="1/s", low=0.1, high=100.0)
     n = int((end - begin) * fps) + 1
-    if Path(path).suffix.lower() not in _ANIMATIONS:
+    if Path(path).suffix.lower() not in FILMS:
         n = int(checked_number("count", count, low=1, high=100))
-    pictures = []
-    with _film(recording, view or View()) as film:
+    check_film(path)
+
+    def pictures(film: Film) -> Iterator[np.ndarray]:
         for k, time in enumerate(np.linspace(begin, end, n).tolist()):
-            pictures.append(film(recording.row(time)))
+            yield film(recording.row(time))
             if progress is not None:
                 progress((k + 1) / n)
-    _write(pictures, path, fps, quality)
+
+    with _film(recording, view or View()) as film:
+        _write(pictures(film), path, fps, quality)
     return n
 
 
-_ANIMATIONS = (".webp", ".gif")
-
-
 def _write(
-    pictures: Sequence[np.ndarray],
+    pictures: Iterable[np.ndarray],
     path: str | Path | None,
     fps: float,
     quality: int = 80,
@@ -224,24 +227,28 @@ def _write(
     """Write pictures as an animation, or side by side."""
     if path is None:
         return
-    animated = Path(path).suffix.lower() in _ANIMATIONS and len(pictures) > 1
+    check_film(path)
+    suffix = Path(path).suffix.lower()
+    if suffix == ".mp4":
+        with mp4_writer(path, fps, quality) as put:
+            for picture in pictures:
+                put(picture)
+        return
     images = [Image.fromarray(p) for p in pictures]
+    animated = suffix in FILMS and len(images) > 1
     options: dict[str, Any] = {"quality": quality}
     if animated:
         options |= {"save_all": True, "append_images": images[1:], "method": 4}
         options |= {"duration": round(1000.0 / fps), "loop": 0}
     else:
-        images = [Image.fromarray(np.concatenate(pictures, axis=1))]
+        images = [Image.fromarray(np.concatenate([np.asarray(i) for i in images], 1))]
     try:
         images[0].save(path, **options)
     except OSError as error:
         reason = error.strerror or error
         raise RunError(f"cannot write the picture {path}: {reason}") from None
-    except ValueError:
-        raise RunError(
-            f"cannot write the picture {path}: its name must end in .png, .jpg, .webp "
-            "or .gif"
-        ) from None
+    except ValueError as error:
+        raise RunError(f"cannot write the picture {path}: {one_line(error)}") from None
 
 
 # ---- What there is to see ---------------------------------------------------------
@@ -249,7 +256,7 @@ def _write(
 
 def _recording(source: Run | str | Path) -> _Recording:
     """Return what there is to see of a run or of its folder."""
-    run = recording_of(source)
+    run = recording_of(source, geometry=True)
     columns = run.columns
     return _Recording(
         model=run.model,

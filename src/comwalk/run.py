@@ -11,8 +11,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
-from typing import Any
-from zipfile import BadZipFile
+from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
@@ -26,12 +25,16 @@ from .mcap_log import MCAP_NAME, Recorder, save_mcap
 from .motion import EmbeddedMotion
 from .pattern import Pattern
 from .plant import Disturbance, PendulumPlant, Plant, no_disturbance
+from .recording import load_recording
 from .robot import Robot
 from .settings import Control, SimulatorSettings
 from .simulator import SimulatedRobot
 from .summary import summarize
 from .walk import Outcome, Tick, Watch, walk
 from .whole_body import Body, PointBody, WholeBody
+
+if TYPE_CHECKING:
+    from .page import WebPage
 
 
 @dataclass(frozen=True, eq=False)
@@ -82,6 +85,27 @@ class Run:
             plot_run(self, path) if self.pattern.plan.steps else plot_dance(self, path)
         )
 
+    def view(self) -> WebPage:
+        """Return the run as a page: in 3D, with its figures and settings.
+
+        Returns:
+            The page, which a notebook shows by itself; elsewhere `open()` it in a
+            browser, or `save(path)` it.
+
+        Raises:
+            RunError: If the run has no rows.
+        """
+        from .report import report
+
+        return report(self)
+
+    def _repr_html_(self) -> str:
+        """Return the summary and figures, for a notebook."""
+        from .page import notebook_html
+        from .record import record_of
+
+        return notebook_html(record_of(self))
+
     def save(self, folder: str | Path) -> Path:
         """Write summary.json, run.npz, run.mcap, scene.mjb and the figure.
 
@@ -117,6 +141,7 @@ class Run:
 
 
 _FILES = ("summary.json", "run.npz", "scene.mjb", "walk.png", "dance.png")
+_FILES += ("report.html",)
 
 
 def prepare_folder(folder: str | Path) -> Path:
@@ -430,42 +455,3 @@ def replay(folder: str | Path) -> Replay:
             data.xfrc_applied[:] = columns["xfrc_applied"][k]
         mujoco.mj_step(model, data, substeps)
     return Replay(len(qpos), worst_q, worst_v)
-
-
-def load_recording(folder: str | Path) -> tuple[mujoco.MjModel, dict[str, np.ndarray]]:
-    """Load the model and the columns of a saved run.
-
-    Args:
-        folder: A folder that `Run.save` wrote.
-
-    Returns:
-        The compiled model, and run.npz as arrays by name.
-
-    Raises:
-        RunError: If a file is missing or broken, or the run had no robot.
-    """
-    path = Path(folder)
-    for name in ("run.npz", "scene.mjb"):
-        if not (path / name).is_file():
-            raise RunError(f"{path} is not a run of a robot: it has no {name}")
-    try:
-        with np.load(path / "run.npz", allow_pickle=False) as file:
-            columns = dict(file)
-        model = mujoco.MjModel.from_binary_path(str(path / "scene.mjb"))
-    except (OSError, ValueError, EOFError, BadZipFile, mujoco.FatalError):
-        raise RunError(
-            f"{path} is broken: run.npz is no archive of numbers, or scene.mjb is no "
-            "model of this version of MuJoCo"
-        ) from None
-    widths = {"qpos": model.nq, "qvel": model.nv, "ctrl": model.nu}
-    missing = {*widths, "substeps"} - set(columns)
-    if missing:
-        raise RunError(f"{path}/run.npz lacks {', '.join(sorted(missing))}")
-    rows = len(columns["qpos"])
-    for name, width in widths.items():
-        if columns[name].shape != (rows, width):
-            raise RunError(
-                f"{path}/run.npz does not fit scene.mjb: {name} has the shape "
-                f"{columns[name].shape}, and the model asks for {(rows, width)}"
-            )
-    return model, columns

@@ -1,0 +1,179 @@
+"""The commands `comwalk report` and `comwalk film`: pages, films and stills of runs."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Generator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Annotated
+
+from cyclopts import Parameter
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
+
+from .config import RobotConfig
+from .errors import ComwalkError, ParameterError
+from .run import Run
+from .video import STILLS, check_film
+
+
+def report(
+    run: Annotated[Path, Parameter(help="Folder of a run.")],
+    other: Annotated[
+        Path | None, Parameter(help="Folder of another run, shown beside the first.")
+    ] = None,
+    /,
+    *,
+    out: Annotated[
+        Path | None,
+        Parameter(
+            help="The file; report.html in the run's folder if not given, "
+            "against-OTHER.html for two."
+        ),
+    ] = None,
+    open: Annotated[
+        bool, Parameter(help="Open it in the browser.", negative=())
+    ] = False,
+) -> int:
+    """Write a run, or two side by side, as one page that works without a network.
+
+    It holds the walk in 3D, the figures, the summary, the settings and the command that
+    repeats the run.
+    """
+    from .report import report as report_of
+
+    sources = (run,) if other is None else (run, other)
+    default = "report" if other is None else f"against-{other.resolve().name}"
+    path = out or run / f"{default}.html"
+    with _progress("report") as progress:
+        page = report_of(*sources, progress=progress)
+    page.save(path)
+    print(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")
+    if open:
+        import webbrowser
+
+        webbrowser.open(path.resolve().as_uri())
+    return 0
+
+
+def film(
+    run: Annotated[Path, Parameter(help="Folder of a run.")],
+    out: Annotated[
+        Path,
+        Parameter(
+            help="The file: .mp4 (pip install 'comwalk[video]'), .webp and .gif are "
+            "films, .png and .jpg stills."
+        ),
+    ],
+    /,
+    *,
+    time: Annotated[
+        float | None, Parameter(help="When a single still is taken [s].")
+    ] = None,
+    count: Annotated[int, Parameter(help="Stills side by side, without --time.")] = 5,
+    start: Annotated[float, Parameter(help="When it starts [s].")] = 0.0,
+    stop: Annotated[
+        float | None, Parameter(help="When it ends [s]; the end if not given.")
+    ] = None,
+    fps: Annotated[float, Parameter(help="Pictures per second of a film.")] = 25.0,
+    width: Annotated[int, Parameter(help="Width of a picture [pixel].")] = 640,
+    height: Annotated[int, Parameter(help="Height of a picture [pixel].")] = 480,
+) -> int:
+    """Film a run, or take stills of it, without a window."""
+    check_film(out)
+    from .render import View, render_run, render_still
+
+    view = View(width=width, height=height, shadows=True, smooth=2)
+    if time is not None:
+        if out.suffix.lower() not in (*STILLS, ".webp"):
+            raise ParameterError(f"--time takes a still, such as .png, not {out.name}")
+        render_still(run, out, time, view=view)
+    else:
+        with _progress("film") as progress:
+            render_run(
+                run,
+                out,
+                view=view,
+                start=start,
+                stop=stop,
+                fps=fps,
+                count=count,
+                progress=progress,
+            )
+    print(f"written to {out} ({out.stat().st_size / 1e6:.2f} MB)")
+    return 0
+
+
+def check_wishes(settings: RobotConfig) -> None:
+    """Refuse films that could not be written, before hours are spent on a run.
+
+    Args:
+        settings: What was asked for.
+
+    Raises:
+        RunError: If an ending is unknown, or a package is missing.
+    """
+    for path in settings.video:
+        check_film(path)
+
+
+def fulfil_wishes(run: Run, folder: Path, settings: RobotConfig) -> bool:
+    """Write the page and the films of a run that were asked for.
+
+    What cannot be written is told in one line each, and hinders nothing else.
+
+    Args:
+        run: The run, which is saved.
+        folder: Its folder.
+        settings: What was asked for.
+
+    Returns:
+        Whether all of it was written.
+    """
+    wishes = [(Path(path), _write_film) for path in settings.video]
+    if settings.report:
+        wishes.insert(0, (folder / "report.html", _write_report))
+    failed = 0
+    for path, write in wishes:
+        try:
+            write(run, path, settings.json)
+        except ComwalkError as error:
+            failed += 1
+            print(f"comwalk: {' '.join(str(error).split())}", file=sys.stderr)
+            continue
+        if not settings.json:
+            print(f"written to {path} ({path.stat().st_size / 1e6:.2f} MB)")
+    return not failed
+
+
+def _write_report(run: Run, path: Path, quiet: bool) -> None:
+    """Write the page of a run, named after its folder."""
+    from .report import report as report_of
+
+    with _progress("report", quiet) as progress:
+        report_of(run, names=[path.resolve().parent.name], progress=progress).save(path)
+
+
+def _write_film(run: Run, path: Path, quiet: bool) -> None:
+    """Write a film or stills of a run."""
+    from .render import View, render_run
+
+    view = View(shadows=True, smooth=2)
+    with _progress("film", quiet) as progress:
+        render_run(run, path, view=view, fps=25.0, progress=progress)
+
+
+@contextmanager
+def _progress(
+    what: str, quiet: bool = False
+) -> Generator[Callable[[float], None] | None]:
+    """Show a progress bar on a terminal; yield what moves it, from 0 to 1."""
+    if quiet or not sys.stderr.isatty():
+        yield None
+        return
+    columns = (TextColumn(what), BarColumn(), TimeRemainingColumn())
+    console = Console(stderr=True)
+    with Progress(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("", total=1.0)
+        yield lambda done: bar.update(task, completed=done)

@@ -70,7 +70,8 @@ def mp4_writer(
 
             def put(picture: np.ndarray) -> None:
                 height, width = (n - n % 2 for n in picture.shape[:2])
-                stream.width, stream.height = width, height
+                if not stream.codec_context.is_open:
+                    stream.width, stream.height = width, height
                 even = np.ascontiguousarray(picture[:height, :width])
                 frame = av.VideoFrame.from_ndarray(even, format="rgb24")
                 file.mux(stream.encode(frame))

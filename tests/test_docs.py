@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import doctest
 import importlib
+import json
 import pkgutil
 import re
 import runpy
@@ -185,3 +186,26 @@ def test_tests_and_pictures_of_the_certificates_exist():
         assert f"def {name}(" in (ROOT / "tests" / file).read_text(encoding="utf-8")
     for target in re.findall(r"\]\(([^)#]+)\)", CERTIFICATES):
         assert (ROOT / "docs" / target).exists(), target
+
+
+def test_logs_in_the_docs_are_told_and_exported(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    assert main(["walk", "--steps", "1", "--out", "made"]) == 0
+    for line in marked("log")[0].splitlines():
+        words = shlex.split(line.partition("#")[0].replace("runs/...", "made"))
+        assert main(words[1:]) == 0
+    for file in ("csv/zmp.csv", "parquet/zmp.parquet", "rosbag2/metadata.yaml"):
+        assert (Path("made") / file).stat().st_size > 1000
+    capsys.readouterr()
+    assert main(["log", "made", "--json"]) == 0
+    topics = {
+        (t["topic"], t["type"]) for t in json.loads(capsys.readouterr().out)["topics"]
+    }
+    table = FILES.split("<!-- topics -->")[1].split("\n\n")[0]
+    rows = [line.split("|")[1:3] for line in table.splitlines()[3:]]
+    told = {
+        (topic, kind.strip(" `"))
+        for names, kind in rows
+        for topic in re.findall(r"`([^`]+)`", names)
+    }
+    assert told == topics

@@ -120,6 +120,7 @@ ORDER = (
     "page",
     "report",
     "run",
+    "viewer",
     # For people.
     "config",
     "trials",
@@ -128,6 +129,10 @@ ORDER = (
     "figures",
     "flags",
     "page_commands",
+    "page_flags",
+    "live",
+    "live_page",
+    "view_commands",
     "commands",
     "robot_commands",
     "log_commands",
@@ -141,7 +146,7 @@ ORDER = (
 
 _COMMANDS = {
     *("bench_commands", "certify_commands", "cli", "commands", "log_commands"),
-    *("identify_commands", "page_commands", "robot_commands"),
+    *("identify_commands", "page_commands", "robot_commands", "view_commands"),
 }
 
 PACKAGES = {
@@ -152,16 +157,17 @@ PACKAGES = {
         *("robot_urdf", "topics"),
         *("simulator", "dynamics", "self_collision", "feasibility"),
         *("run", "recording", "render", "portrait", "shapes", "scene"),
+        *("viewer", "live_page"),
     },
     "numba": {"compiled", "handles"},
     "trimesh": {"mesh_files"},
-    "viser": {"page_server", "scene"},
+    "viser": {"live_page", "page_server", "scene", "viewer"},
     "av": {"video"},
     "mcap": {"mcap_file", "run_log"},
     "zstandard": {"mcap_file"},
     "matplotlib": {"gain_plane", "plot", "response_plot", "figures", "render"},
     "rich": {*_COMMANDS, "page_server"},
-    "cyclopts": {*_COMMANDS, "flags"},
+    "cyclopts": {*_COMMANDS, "flags", "page_flags"},
 }
 """Where a package may be imported."""
 

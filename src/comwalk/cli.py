@@ -38,6 +38,7 @@ _LOG = {
     "export": "Write the log of a run as CSV, Parquet, or for rosbag2.",
 }
 _IDENTIFY = "Shake the standing robot; tell lag, dead time, compliance and noise."
+_VIEW = "Look at a run in the browser: scrub through it, with CoM and ZMP beside."
 _BENCH = "Try robots on walks, dances, floors, pushes and loads."
 _REPORT = "Write a run, or two side by side, as one page that works offline."
 _FILM = "Film a run, or take stills of it, without a window."
@@ -103,6 +104,7 @@ def _app() -> App:
     app.command(
         f"{__package__}.identify_commands:identify", name="identify", help=_IDENTIFY
     )
+    app.command(f"{__package__}.view_commands:view", name="view", help=_VIEW)
     app.command(f"{__package__}.bench_commands:bench", name="bench", help=_BENCH)
     app.command(f"{__package__}.page_commands:report", name="report", help=_REPORT)
     app.command(f"{__package__}.page_commands:film", name="film", help=_FILM)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
 from datetime import datetime
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -35,7 +35,12 @@ from .flags import flags_of, given_flags, with_flags
 from .footsteps import plan_steps
 from .motion import Motion
 from .motion_files import load_motion
+from .page_flags import HostFlag, OpenFlag, PortFlag
+from .page_server import HOST, PORT, Address
 from .pattern import coefficients, make_pattern, transfer_zmp
+
+if TYPE_CHECKING:
+    from .run import Run
 
 LARGEST_REPLAY_ERROR = 1e-6
 """Largest difference of a replay from its record [m, rad]."""
@@ -69,16 +74,34 @@ _Json = Annotated[
 
 
 @with_flags(_WalkFlags)
-def walk(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -> int:
+def walk(
+    robot: _Robot = None,
+    /,
+    *,
+    flags: Any = None,
+    config: _File = None,
+    view: Annotated[
+        bool,
+        Parameter(
+            help="Walk in real time, watched and steered in the browser.", negative=()
+        ),
+    ] = False,
+    host: HostFlag = HOST,
+    port: PortFlag = PORT,
+    open: OpenFlag = False,
+) -> int:
     """Walk in physics: with no arguments the paper's gait, 20 steps.
 
     Exit code 0 if the walk was completed, 1 if the robot fell or was stopped.
     """
+    page = Address(host, port, open)
+    if not (view or page == Address()):
+        raise ParameterError("--host, --port and --open are for a page; add --view")
     given = given_flags(flags) | ({} if robot is None else {"robot": robot})
     settings = make_config(WalkConfig, given, config)
     setup = build_walk(settings)
     words = command_line("walk", given, config)
-    return _perform(settings, setup, "walk", words)
+    return _perform(settings, setup, "walk", words, page if view else None)
 
 
 @with_flags(_CheckFlags)
@@ -309,7 +332,13 @@ def replay(
 # ---- Running ----------------------------------------------------------------------
 
 
-def _perform(settings: RobotConfig, setup: Setup, command: str, words: str) -> int:
+def _perform(
+    settings: RobotConfig,
+    setup: Setup,
+    command: str,
+    words: str,
+    where: Address | None = None,
+) -> int:
     """Simulate, save and print; return the exit code."""
     from .mcap_log import MCAP_NAME
     from .page_commands import check_wishes, fulfil_wishes
@@ -323,8 +352,11 @@ def _perform(settings: RobotConfig, setup: Setup, command: str, words: str) -> i
     table = table_of(kept)
     about = {"command": words, "config": table, "notes": list(setup.notes)}
     try:
-        with _progress(setup.pattern.duration, settings.json) as progress:
-            run = setup.run(progress, record=folder / MCAP_NAME, about=about)
+        if where is None:
+            with _progress(setup.pattern.duration, settings.json) as progress:
+                run = setup.run(progress, record=folder / MCAP_NAME, about=about)
+        else:
+            run = _walk_in_page(settings, setup, about, where)
     except BaseException:
         if not (folder / MCAP_NAME).exists():  # else it tells what happened
             for path in missing:
@@ -337,6 +369,15 @@ def _perform(settings: RobotConfig, setup: Setup, command: str, words: str) -> i
     if not fulfil_wishes(run, folder, settings):
         return 2
     return 0 if run.outcome.ok else 1
+
+
+def _walk_in_page(
+    settings: RobotConfig, setup: Setup, about: dict[str, Any], where: Address
+) -> Run:
+    """Walk in real time, steered from a page; viewing is imported when it is wanted."""
+    from .view_commands import walk_in_page
+
+    return walk_in_page(settings, setup, about, where)
 
 
 def _run_folder(out: str | None, command: str) -> Path:

@@ -955,11 +955,22 @@ def _plan(config: WalkConfig, robot: Robot) -> FootstepPlan:
     size = sole_size(robot)
     if config.plan is not None:
         return load_plan(config.plan, gait=default_gait(robot), sole_size=size)
-    return plan_steps(_gait(config, robot), config.steps, sole_size=size)
+    return plan_steps(regular_gait(config, robot), config.steps, sole_size=size)
 
 
-def _gait(config: WalkConfig, robot: Robot) -> Gait:
-    """Return the regular gait of a robot, with what was given of it."""
+def regular_gait(config: WalkConfig, robot: Robot) -> Gait:
+    """Return the regular gait of a robot, with what was given of it.
+
+    Args:
+        config: Gives speeds, or numbers of the gait.
+        robot: The robot.
+
+    Returns:
+        The gait.
+
+    Raises:
+        ParameterError: If a number is out of range, or given twice.
+    """
     from .defaults import default_gait
 
     given, turn = dict(config.gait.values), config.turn

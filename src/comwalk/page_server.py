@@ -5,7 +5,7 @@ from __future__ import annotations
 import socket
 from collections.abc import Generator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 from .errors import ViewError
 
@@ -13,8 +13,23 @@ if TYPE_CHECKING:
     import viser
 
 
+HOST, PORT = "127.0.0.1", 8080
+"""Where pages are served unless told otherwise."""
+
+
+class Address(NamedTuple):
+    """Where a page is served."""
+
+    host: str = HOST
+    """Address to listen at."""
+    port: int = PORT
+    """Port; 0 for any that is free."""
+    open: bool = False
+    """Whether to open this machine's browser."""
+
+
 @contextmanager
-def open_server(host: str = "127.0.0.1", port: int = 0) -> Generator[viser.ViserServer]:
+def open_server(host: str = HOST, port: int = 0) -> Generator[viser.ViserServer]:
     """Open a page's server; close it without a word.
 
     Args:

@@ -150,7 +150,7 @@ def recording_of(source: Run | str | Path, *, geometry: bool = False) -> Recordi
     if not len(columns["t"]) or not np.isfinite(columns["qpos"]).all():
         raise RunError("the run holds no configurations, or some that are no numbers")
     if geometry:
-        model = _with_meshes(model, settings, plan)
+        model = model_with_meshes(model, settings, plan)
     return Recording(model, columns, settings, plan)
 
 
@@ -215,10 +215,19 @@ def _step_of(table: dict[str, Any]) -> Footstep:
     return Footstep(side=Side(table.pop("side")), **table)
 
 
-def _with_meshes(
+def model_with_meshes(
     model: mujoco.MjModel, settings: Mapping[str, Any], plan: FootstepPlan | None
 ) -> mujoco.MjModel:
-    """Return the scene with the robot's meshes, or the model itself."""
+    """Return a scene with the meshes of its robot, which is loaded anew.
+
+    Args:
+        model: The scene as it is simulated.
+        settings: What a run is made with: its config, robot and physics.
+        plan: Its footsteps.
+
+    Returns:
+        The scene with meshes; the model itself if the robot is not found any more.
+    """
     if model.nmesh:
         return model
     config = settings.get("config") or {}

@@ -218,6 +218,72 @@ def simulate(
         ParameterError: If the gains are unstable.
         PlanError: If the plan cannot be walked by this robot.
     """
+    parts = prepare(
+        robot,
+        pattern,
+        control=control,
+        motion=motion,
+        physics=physics,
+        seed=seed,
+        force=force,
+        about=about,
+    )
+    control = parts.control
+    recorder = Recorder(record, parts.log, robot, control.period, parts.settings)
+    run = _walked(pattern, control, parts.body, parts.plant, recorder, watch, progress)
+    return dataclasses.replace(
+        run, robot=robot, scene=parts.plant.model, substeps=parts.plant.substeps
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Prepared:
+    """What walks a robot in MuJoCo, ready to start. Made by `prepare`."""
+
+    control: Control
+    """The walking controller's settings."""
+    plant: SimulatedRobot
+    """The robot in MuJoCo, placed at the start."""
+    body: WholeBody
+    """The whole body, in the posture of the start."""
+    log: Log
+    """A record with a row for each period of the pattern."""
+    settings: dict[str, Any]
+    """Everything that the run is made with, as plain numbers and names."""
+
+
+def prepare(
+    robot: Robot,
+    pattern: Pattern,
+    *,
+    control: Control | None = None,
+    motion: EmbeddedMotion | None = None,
+    physics: SimulatorSettings | None = None,
+    seed: int = 0,
+    force: bool = False,
+    about: Mapping[str, Any] | None = None,
+    pushable: bool = False,
+) -> Prepared:
+    """Check a walk in MuJoCo and put its parts together.
+
+    Args:
+        robot: The robot.
+        pattern: What to walk.
+        control: The walking controller; the robot's defaults if None.
+        motion: Motion of arms, waist or head, embedded in the CoM Jacobian.
+        physics: Physics step, floor, payload, sensors and pushes.
+        seed: Seed of the sensor noise.
+        force: Whether to walk even what the robot is not able to.
+        about: More to say about the run in its settings.
+        pushable: Whether it will be pushed while it walks, `SimulatedRobot.push`.
+
+    Returns:
+        The parts.
+
+    Raises:
+        ParameterError: If the gains are unstable.
+        PlanError: If the plan cannot be walked by this robot.
+    """
     _check_kinds(robot, pattern, motion)
     control = control or default_control(robot)
     _check_pushes(pattern, physics)
@@ -225,7 +291,9 @@ def simulate(
     control.check(pattern)
     if not force:
         check_feasible(robot, pattern, motion)
-    plant = SimulatedRobot(robot, control.period, physics, seed, pattern.plan)
+    plant = SimulatedRobot(
+        robot, control.period, physics, seed, pattern.plan, pushable=pushable
+    )
     body = WholeBody(robot, control.period, motion, control.body)
     body.start(pattern.at(0.0))
     plant.place(body.configuration)
@@ -241,12 +309,7 @@ def simulate(
         "physics": plain(plant.settings),
         **(about or {}),
     }
-    settings = _settings(notes, control, pattern)
-    recorder = Recorder(record, log, robot, control.period, settings)
-    run = _walked(pattern, control, body, plant, recorder, watch, progress)
-    return dataclasses.replace(
-        run, robot=robot, scene=plant.model, substeps=plant.substeps
-    )
+    return Prepared(control, plant, body, log, _settings(notes, control, pattern))
 
 
 def simulate_pendulum(

@@ -97,7 +97,7 @@ class Stage:
         self._add_floor(qpos)
         self._add_marks()
         if plan is not None:
-            self._add_plan(plan)
+            self.draw_plan(plan)
         self._aim(qpos)
 
     def show(
@@ -259,8 +259,12 @@ class Stage:
             f"/walk/{name}", np.zeros((1, 2, 3)), COLORS[color], thickness=thickness
         )
 
-    def _add_plan(self, plan: FootstepPlan) -> None:
-        """Draw the outlines of all footsteps of a plan."""
+    def draw_plan(self, plan: FootstepPlan) -> None:
+        """Draw the outlines of all footsteps of a plan, in place of another's.
+
+        Args:
+            plan: The plan.
+        """
         poses = foot_poses(plan)
         for k, side in enumerate(Side):
             places = np.unique(poses[:, k].round(6), axis=0)

@@ -18,7 +18,7 @@ from .errors import ModelError, ParameterError
 from .footsteps import FootstepPlan, Side
 from .plant import Command, Sensors
 from .robot import Robot
-from .settings import SimulatorSettings
+from .settings import Push, SimulatorSettings
 from .terrain import CELL, Terrain, random_terrain
 
 
@@ -48,6 +48,8 @@ class SimulatedRobot:
         settings: SimulatorSettings | None = None,
         seed: int = 0,
         plan: FootstepPlan | None = None,
+        *,
+        pushable: bool = False,
     ) -> None:
         """Build the scene.
 
@@ -57,6 +59,7 @@ class SimulatedRobot:
             settings: Physics.
             seed: Seed of the sensor noise.
             plan: Where a rough floor is needed.
+            pushable: Whether pushes come while it runs, by `push`.
 
         Raises:
             ParameterError: If the period is no multiple of the physics step, or a
@@ -88,6 +91,8 @@ class SimulatedRobot:
         self._readings: deque[Sensors] = deque(maxlen=late + 1)
         self._felt, self._ground = np.zeros((2, 6)), np.zeros((2, 6))
         self._tick = 0
+        self._pushes = list(self.settings.pushes)
+        self._pushable = pushable or bool(self._pushes)
 
     def place(self, configuration: np.ndarray) -> None:
         """Put the robot where the simulation starts.
@@ -123,9 +128,25 @@ class SimulatedRobot:
         self.data.ctrl[self._actuators] = command.positions
         self.data.xfrc_applied[self._trunk] = 0.0
         now = self._tick * self.period
-        for push in self.settings.pushes:
+        for push in self._pushes:
             if push.start - 1e-9 <= now < push.start + push.duration - 1e-9:
                 self.data.xfrc_applied[self._trunk, :3] += push.force
+
+    def push(self, force: tuple[float, float, float], duration: float = 0.1) -> None:
+        """Push the trunk from the next control period on.
+
+        Args:
+            force: Force [N], world.
+            duration: How long it lasts [s].
+
+        Raises:
+            ParameterError: If the robot was not made pushable, or a number is out of
+                range.
+        """
+        if not self._pushable:
+            raise ParameterError("to be pushed while it runs, it needs pushable=True")
+        start = (self._tick + 1) * self.period
+        self._pushes.append(Push(start=start, force=force, duration=duration))
 
     def read(self) -> Sensors:
         """Simulate one period and return what the robot senses.
@@ -206,7 +227,7 @@ class SimulatedRobot:
         }
         if self.model.na:
             row["act"] = data.act.copy()
-        if self.settings.pushes:
+        if self._pushable:
             row["xfrc_applied"] = data.xfrc_applied.copy()
         return row
 

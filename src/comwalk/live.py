@@ -198,7 +198,7 @@ class LiveWalk:
             while True:
                 try:
                     return self._walk()
-                except _Again:
+                except _RestartError:
                     continue
 
     def _walk(self) -> Run:
@@ -326,13 +326,13 @@ class LiveWalk:
         self._pace()
 
 
-class _Again(Exception):  # noqa: N818
+class _RestartError(Exception):
     """The walk starts anew."""
 
 
 def _again() -> None:
     """Leave the walk to start anew."""
-    raise _Again
+    raise _RestartError
 
 
 def _quit() -> None:

@@ -18,7 +18,7 @@ import numpy as np
 from .compiled import batch_kernel, kernel, parallel_range
 from .errors import ParameterError, checked_number
 from .pendulum import Pendulum
-from .sampled import SampledLoop, disturbance_response, motion, tick_of
+from .sampled import SampledLoop, disturbance_response, loop_plant, tick_response
 from .stability import ramp_step
 
 LANES = 64
@@ -229,7 +229,7 @@ class _System(NamedTuple):
     @classmethod
     def of(cls, pendulum: Pendulum, loop: SampledLoop) -> _System:
         """Return the system of a loop."""
-        x, (tick, alpha) = motion(pendulum, loop), tick_of(pendulum, loop)
+        x, (tick, alpha) = loop_plant(pendulum, loop), tick_response(pendulum, loop)
         digital = float(loop.analog_cutoff is None)
         return cls(
             np.ascontiguousarray(tick.F),

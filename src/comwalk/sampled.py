@@ -135,7 +135,7 @@ _LOOP_LIMITS = {
 }
 
 
-class Motion(NamedTuple):
+class LoopPlant(NamedTuple):
     r"""The plant in real time, with the command u and the disturbance as inputs.
 
     .. math:: \dot x = A x + b u + b_0 \epsilon + b_1 \dot\epsilon, \quad
@@ -159,7 +159,7 @@ class Motion(NamedTuple):
     """Of the rate of eps in p [s^2]."""
 
 
-def motion(pendulum: Pendulum, loop: SampledLoop) -> Motion:
+def loop_plant(pendulum: Pendulum, loop: SampledLoop) -> LoopPlant:
     r"""Return CoM, servo, contact and analog filter as one linear system.
 
     .. math:: \dot c = v + \epsilon, \quad \tau \dot v = u - v, \quad
@@ -194,10 +194,10 @@ def motion(pendulum: Pendulum, loop: SampledLoop) -> Motion:
         w = 2.0 * math.pi * loop.analog_cutoff
         A[2] = w * (row - np.eye(n)[2])
         b[2], b_eps[2, 1] = w * through, w * rate
-    return Motion(A, b, b_eps, row, through, rate)
+    return LoopPlant(A, b, b_eps, row, through, rate)
 
 
-class Tick(NamedTuple):
+class TickResponse(NamedTuple):
     """What a period does to the state x = (c, v, f, ...), before any digital filter."""
 
     F: np.ndarray
@@ -212,7 +212,7 @@ class Tick(NamedTuple):
     """From the acting command to the same [s]."""
 
 
-def _response(x: Motion, time: float) -> np.ndarray:
+def _response(x: LoopPlant, time: float) -> np.ndarray:
     """Return state (n, n) and command (n,) side by side, after a time."""
     n = len(x.b)
     if n == 3 and not x.A[2].any():  # a servo alone: no need of the general form
@@ -227,19 +227,19 @@ def _response(x: Motion, time: float) -> np.ndarray:
 
 
 @lru_cache(maxsize=256)
-def _tick(pendulum: Pendulum, loop: SampledLoop) -> Tick:
+def _tick(pendulum: Pendulum, loop: SampledLoop) -> TickResponse:
     """Return the exact response over a period; all of the loop but a digital filter."""
-    x = motion(pendulum, loop)
+    x = loop_plant(pendulum, loop)
     n, (_, rest) = len(x.b), loop.dead_ticks
     late, early = _response(x, loop.period - rest), _response(x, rest)
     F = late[:, :n]
     parts = F @ early[:, :n], late[:n, n], F @ early[:, n]
     if loop.analog_cutoff is not None:
-        return Tick(*parts, np.eye(n)[2], 0.0)
-    return Tick(*parts, x.row, x.through)
+        return TickResponse(*parts, np.eye(n)[2], 0.0)
+    return TickResponse(*parts, x.row, x.through)
 
 
-def tick_of(pendulum: Pendulum, loop: SampledLoop) -> tuple[Tick, float]:
+def tick_response(pendulum: Pendulum, loop: SampledLoop) -> tuple[TickResponse, float]:
     """Return the exact response of the plant over a control period, and the filter.
 
     Args:
@@ -266,11 +266,11 @@ def disturbance_response(pendulum: Pendulum, loop: SampledLoop) -> np.ndarray:
 
     Returns:
         From eps at the start of the period, and from its rate, which is constant, to
-        the state of `motion`, (n, 2).
+        the state of `loop_plant`, (n, 2).
     """
     from scipy.linalg import expm
 
-    x = motion(pendulum, loop)
+    x = loop_plant(pendulum, loop)
     n = len(x.b)
     A = np.zeros((n + 2, n + 2))
     A[:n, :n], A[:n, n:], A[n, n + 1] = x.A, x.b_eps, 1.0
@@ -304,7 +304,7 @@ def sampled_loop_matrix(
     """
     checked_number("k_p", k_p, unit="1/s", low=0.0)
     checked_number("k_c", k_c, unit="1/s", low=0.0)
-    x, alpha = tick_of(pendulum, loop)
+    x, alpha = tick_response(pendulum, loop)
     ticks, rest = loop.dead_ticks
     n, k = len(x.G), int(loop.delay) + ticks
     pairs = k + (rest > 0.0)
@@ -367,7 +367,7 @@ def open_loop(
     Returns:
         C and P [s], each of shape (n,); P without the digital filter.
     """
-    x, _ = tick_of(pendulum, loop)
+    x, _ = tick_response(pendulum, loop)
     ticks, rest = loop.dead_ticks
     late = z ** -float(loop.delay + ticks)
     G = np.multiply.outer(late, x.G)

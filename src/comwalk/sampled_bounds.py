@@ -22,9 +22,9 @@ from .pendulum import Pendulum
 from .sampled import (
     SampledLoop,
     disturbance_response,
-    motion,
+    loop_plant,
     sampled_loop_matrix,
-    tick_of,
+    tick_response,
 )
 from .stability import worst_disturbance
 
@@ -125,7 +125,7 @@ def _disturbed(
     pendulum: Pendulum, loop: SampledLoop, size: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return what eps, its rate, and its rate of the next tick do to the state."""
-    x, (_, alpha) = motion(pendulum, loop), tick_of(pendulum, loop)
+    x, (_, alpha) = loop_plant(pendulum, loop), tick_response(pendulum, loop)
     n, E = len(x.b), disturbance_response(pendulum, loop)
     g = np.zeros((size, 3))
     g[:n, :2] = E
@@ -141,7 +141,7 @@ def _outputs(
 
     Beside each are its parts by eps and its rate in that tick, and by the next rate.
     """
-    x = motion(pendulum, loop)
+    x = loop_plant(pendulum, loop)
     n, (ticks, _) = len(x.b), loop.dead_ticks
     lag = int(loop.delay) + ticks
     law = np.zeros(len(M))  # the command that acts at the end of the tick

@@ -23,7 +23,8 @@ _Json = Annotated[
 def log(run: _Run, /, *, json: _Json = False) -> int:
     """Tell what the log of a run holds; one that a crash cut off is repaired first."""
     path = log_path(run)
-    facts = repair(path)
+    with Console(stderr=True).status("reading"):
+        facts = repair(path)
     if json:
         _print_json(_table_of(facts, path))
         return 0
@@ -104,9 +105,10 @@ def export(
         raise ParameterError("say what to export: --csv, --parquet or --rosbag2")
     base = path.parent if out is None else out
     facts, written = inspect(path), {}
-    for name, write in _WRITERS.items():
-        if asked[name]:
-            written[name] = [str(file) for file in write(path, base / name)]
+    with Console(stderr=True).status("exporting"):
+        for name, write in _WRITERS.items():
+            if asked[name]:
+                written[name] = [str(file) for file in write(path, base / name)]
     if json:
         _print_json({"cut_off": not facts.end.whole, "files": written})
         return 0

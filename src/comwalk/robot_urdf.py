@@ -2,7 +2,7 @@
 
 It is made of the compiled model, so that links, frames and limits are those of the run,
 whatever file the robot came from. Links have boxes, spheres and cylinders for the eye;
-where the model has none, as in robots of meshes alone, rods lead to the next links.
+where some have none, as in robots of meshes, rods lead from each link to the next ones.
 """
 
 from __future__ import annotations
@@ -47,11 +47,13 @@ def robot_urdf(robot: Robot) -> str:
     data.qpos[3] = 1.0
     mujoco.mj_kinematics(model, data)
     root = ET.Element("robot", name=robot.name)
+    bare = (model.body_geomnum[1:] == 0).any()
     for body in range(1, model.nbody):
         link = ET.SubElement(root, "link", name=names[body])
         _add_inertia(link, model, body)
-        for shape in [*_shapes(model, body)] or [*_rods(model, data, body)]:
-            link.append(shape)
+        link.extend(_shapes(model, body))
+        if bare:
+            link.extend(_rods(model, data, body))
         if body != robot.base_body:
             _add_joints(root, robot, data, body, names)
     ET.indent(root)

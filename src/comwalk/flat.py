@@ -7,8 +7,9 @@ at its joint's anchor, so that kinematics are one rotation about one axis a join
 
 from __future__ import annotations
 
+import dataclasses
 from collections.abc import Iterable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -107,11 +108,8 @@ def flatten(robot: Robot, sites: Iterable[int] = ()) -> Flat:
     Raises:
         ModelError: If a joint is no hinge and no slide.
     """
-    zero = Kinematics(robot)
-    q = robot.model.qpos0.copy()
-    q[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
-    zero.update(q)
-    links, link_of = _links(robot, zero, q)
+    zero = _at_zero(robot)
+    links, link_of = _links(robot, zero)
     known = np.array([*sites, *(x for x in robot.ends if x >= 0)], dtype=np.intp)
     places = records(SITE, len(known))
     places["link"] = link_of[robot.model.site_bodyid[known]]
@@ -120,9 +118,29 @@ def flatten(robot: Robot, sites: Iterable[int] = ()) -> Flat:
     return Flat(links, _limbs(robot, links["parent"], places["link"]), places)
 
 
-def _links(
-    robot: Robot, zero: Kinematics, q: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
+def links_in(robot: Robot, model: Any) -> np.ndarray:
+    """Return the records of a robot's links as they are in a scene, with what it bears.
+
+    Args:
+        robot: The robot.
+        model: Compiled model of the scene, whose joints are the robot's.
+
+    Returns:
+        New records of `LINK`.
+    """
+    there = dataclasses.replace(robot, model=model)
+    return _links(there, _at_zero(there))[0]
+
+
+def _at_zero(robot: Robot) -> Kinematics:
+    """Return kinematics in the zero posture, the body center at the origin."""
+    zero, q = Kinematics(robot, ()), robot.model.qpos0.copy()
+    q[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
+    zero.update(q)
+    return zero
+
+
+def _links(robot: Robot, zero: Kinematics) -> tuple[np.ndarray, np.ndarray]:
     """Return the records of all links, and the link of each body."""
     m, links = robot.model, records(LINK, robot.model.njnt)
     link_of = np.zeros(m.nbody, dtype=np.int64)
@@ -133,7 +151,7 @@ def _links(
         link_of[body] = link
     anchors = zero.data.xanchor
     links["offset"] = anchors - anchors[links["parent"]]
-    links["axis"][1:], links["zero"][1:] = zero.data.xaxis[1:], q[7:]
+    links["axis"][1:], links["zero"][1:] = zero.data.xaxis[1:], m.qpos0[7:]
     links["kind"][1:] = [_kind(robot, zero, j) for j in range(1, m.njnt)]
     for body in np.flatnonzero(m.body_rootid == robot.base_body):
         k, share = link_of[body], m.body_mass[body] / robot.mass

@@ -60,6 +60,12 @@ def records_at(handle: np.ndarray, k: int, dtype: Any) -> np.ndarray:
 
 
 @kernel
+def record_at(address: int, dtype: Any) -> np.ndarray:
+    """Return one record at an address, as an array of one."""
+    return numba.carray(_pointer(address), (1,), dtype)  # ty: ignore[missing-argument]
+
+
+@kernel
 def flat_at(handle: np.ndarray) -> Flat:
     """Return the robot that the first three arrays of a handle are."""
     return Flat(

@@ -94,14 +94,13 @@ def _place(link: Record, up: Record, angle: float) -> None:
 
 
 @kernel
-def place_links(flat: Flat, q: np.ndarray) -> None:
+def place_links(links: np.ndarray, q: np.ndarray) -> None:
     """Place all links, and the first moment of each alone.
 
     Args:
-        flat: The robot.
+        links: Records of `LINK`.
         q: Configuration: base position [m], quaternion wxyz, joint angles [rad].
     """
-    links = flat.links
     rotation(q[3], q[4], q[5], q[6], links[0].R)
     for i in range(3):
         links[0].p[i] = q[i]
@@ -442,6 +441,6 @@ def resolve(flat: Flat, wanted: Record, v: np.ndarray) -> int:
 def resolve_at(handle: np.ndarray, q: np.ndarray, v: np.ndarray) -> int:
     """Resolve a task at a configuration; see `place_links` and `resolve`."""
     flat = flat_at(handle)
-    place_links(flat, q)
+    place_links(flat.links, q)
     find_levers(flat)
     return resolve(flat, wanted_at(handle)[0], v)

@@ -39,6 +39,30 @@ class Log:
         self._rows = 0
         self._waiting: deque[tuple[Tick, Mapping[str, Any]]] = deque()
         self._lock = Lock()
+        self.table = np.zeros(0)
+        """Rows that someone else writes, as records; see `take`."""
+
+    def take(self, kind: np.dtype, capacity: int) -> np.ndarray:
+        """Let someone else write the rows: return records whose fields are columns.
+
+        Args:
+            kind: The record of a row.
+            capacity: Largest number of rows.
+
+        Returns:
+            The records, to be written from the first on; `grow` tells how far.
+        """
+        self.table = np.zeros(capacity, kind)
+        self._arrays = {name: self.table[name] for name in kind.names or ()}
+        return self.table
+
+    def grow(self, rows: int) -> None:
+        """Tell how many rows there are in the table.
+
+        Args:
+            rows: Number of rows written.
+        """
+        self._rows = rows
 
     def __len__(self) -> int:
         """Return the number of rows."""

@@ -236,7 +236,7 @@ def measure(
         row: The reference.
         b: Scratch space, (7,).
     """
-    place_links(flat, q)
+    place_links(flat.links, q)
     for k in range(2):
         site_rotation(flat, SOLE + k, state.soles[k])
     _feel(flat, rules, state, felt[12:])

@@ -7,7 +7,7 @@ import json
 import math
 import platform
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
+from .closed_loop import walk_and_log
 from .control import ControlSettings, WalkingController
 from .defaults import default_control
 from .errors import ParameterError, PlanError, RunError
@@ -30,7 +31,7 @@ from .robot import Robot
 from .settings import Control, SimulatorSettings
 from .simulator import SimulatedRobot
 from .summary import summarize
-from .walk import Outcome, Tick, Watch, walk
+from .walk import Outcome, Progress, Watch
 from .whole_body import Body, PointBody, WholeBody
 
 if TYPE_CHECKING:
@@ -177,10 +178,6 @@ def versions() -> dict[str, str]:
     }
 
 
-Progress = Callable[[float], None]
-"""Called with the simulated time [s]."""
-
-
 def simulate(
     robot: Robot,
     pattern: Pattern,
@@ -194,6 +191,7 @@ def simulate(
     progress: Progress | None = None,
     record: str | Path | None = None,
     about: Mapping[str, Any] | None = None,
+    readable: bool = False,
 ) -> Run:
     """Walk a pattern with a robot in MuJoCo.
 
@@ -210,6 +208,7 @@ def simulate(
         record: File of ROS 2 messages to write while it walks, such as run.mcap;
             a run that is cut off leaves what it wrote until then.
         about: More to say about the run in its settings.
+        readable: Whether to walk by the readable loop where the compiled one can, too.
 
     Returns:
         The run. A fall is an outcome, not an error.
@@ -230,7 +229,16 @@ def simulate(
     )
     control = parts.control
     recorder = Recorder(record, parts.log, robot, control.period, parts.settings)
-    run = _walked(pattern, control, parts.body, parts.plant, recorder, watch, progress)
+    run = _walked(
+        pattern,
+        control,
+        parts.body,
+        parts.plant,
+        recorder,
+        watch,
+        progress,
+        readable,
+    )
     return dataclasses.replace(
         run, robot=robot, scene=parts.plant.model, substeps=parts.plant.substeps
     )
@@ -380,12 +388,22 @@ def _walked(
     recorder: Recorder,
     watch: Watch | None,
     progress: Progress | None,
+    readable: bool = False,
 ) -> Run:
     """Walk, and return the run with what it was made with."""
     controller = WalkingController(control.gains, control.settings, control.period)
-    begin, on_tick = time.perf_counter(), _on_tick(recorder.log, progress)
+    begin = time.perf_counter()
     with recorder:
-        outcome = walk(pattern, controller, body, plant, on_tick=on_tick, watch=watch)
+        outcome = walk_and_log(
+            pattern,
+            controller,
+            body,
+            plant,
+            recorder.log,
+            watch=watch,
+            progress=progress,
+            readable=readable,
+        )
         recorder.outcome = str(outcome)
     return Run(
         outcome=outcome,
@@ -439,19 +457,6 @@ def _rows(pattern: Pattern, period: float) -> int:
             f"the plan lasts {pattern.duration:g} s; give it steps, or a stand_time"
         )
     return int(pattern.duration / period) + 2
-
-
-def _on_tick(log: Log, progress: Progress | None) -> Callable[[Tick], None]:
-    """Return what the loop calls each period."""
-    if progress is None:
-        return log.record
-
-    def record(tick: Tick) -> None:
-        log.record(tick)
-        if len(log) % 50 == 0:
-            progress(tick.reference.time)
-
-    return record
 
 
 def plain(value: Any) -> Any:

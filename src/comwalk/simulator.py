@@ -78,21 +78,26 @@ class SimulatedRobot:
             )
         self.model = build_scene(robot, self.settings, plan)
         self.data = mujoco.MjData(self.model)
-        self._probe = mujoco.MjData(self.model)
+        self.probe = mujoco.MjData(self.model)
+        """Workspace for what must leave no trace in the run."""
         self._rng = np.random.default_rng(seed)
         self._actuators = robot.servo.actuators
-        self._imu = [
-            _sensor(self.model, n) for n in ("imu_quat", "imu_gyro", "imu_acc")
-        ]
-        self._ankles = np.array([_ankle_readings(self.model, side) for side in Side])
-        self._feet = self.model.site_bodyid[[robot.feet[side].site for side in Side]]
+        self.imu = [_sensor(self.model, n) for n in ("imu_quat", "imu_gyro", "imu_acc")]
+        """Where the IMU's readings stand in sensordata."""
+        self.ankles = np.array([_ankle_readings(self.model, side) for side in Side])
+        """Where the ankles' forces and torques do, (2, 6)."""
+        self.feet = self.model.site_bodyid[[robot.feet[side].site for side in Side]]
+        """Bodies of the feet."""
         self._trunk = trunk_body(self.model)
         late = round(self.settings.latency / period)
         self._readings: deque[Sensors] = deque(maxlen=late + 1)
-        self._felt, self._ground = np.zeros((2, 6)), np.zeros((2, 6))
+        self.felt, self.ground = np.zeros((2, 6)), np.zeros((2, 6))
+        """Averages over the last period: what the ankle sensors read; torque about the
+        world's origin and force on each foot."""
         self._tick = 0
         self._pushes = list(self.settings.pushes)
-        self._pushable = pushable or bool(self._pushes)
+        self.pushable = pushable or bool(self._pushes)
+        """Whether it may be pushed."""
 
     def place(self, configuration: np.ndarray) -> None:
         """Put the robot where the simulation starts.
@@ -117,17 +122,25 @@ class SimulatedRobot:
         self.data.qpos[:] = settled
         self.write(command)
         # Sensors need a forward pass; on a copy, it leaves no trace in the run.
-        mujoco.mj_copyData(self._probe, self.model, self.data)
-        mujoco.mj_forward(self.model, self._probe)
-        self._average([self._probe])
+        mujoco.mj_copyData(self.probe, self.model, self.data)
+        mujoco.mj_forward(self.model, self.probe)
+        self._average([self.probe])
         self._readings.clear()
-        return self._delayed(self._sense(self._probe))
+        return self._delayed(self._sense(self.probe))
 
     def write(self, command: Command) -> None:
         """Set the set-points of the next period, and the pushes that act in it."""
         self.data.ctrl[self._actuators] = command.positions
+        self.begin(self._tick)
+
+    def begin(self, tick: int) -> None:
+        """Set the pushes that act in a period.
+
+        Args:
+            tick: Number of the period, from 0.
+        """
+        self._tick, now = tick, tick * self.period
         self.data.xfrc_applied[self._trunk] = 0.0
-        now = self._tick * self.period
         for push in self._pushes:
             if push.start - 1e-9 <= now < push.start + push.duration - 1e-9:
                 self.data.xfrc_applied[self._trunk, :3] += push.force
@@ -143,7 +156,7 @@ class SimulatedRobot:
             ParameterError: If the robot was not made pushable, or a number is out of
                 range.
         """
-        if not self._pushable:
+        if not self.pushable:
             raise ParameterError("to be pushed while it runs, it needs pushable=True")
         start = (self._tick + 1) * self.period
         self._pushes.append(Push(start=start, force=force, duration=duration))
@@ -171,17 +184,17 @@ class SimulatedRobot:
 
     def _average(self, states: Iterable[mujoco.MjData]) -> None:
         """Average the ankle sensors and the ground forces over some states."""
-        self._felt[:], self._ground[:], count = 0.0, 0.0, 0
+        self.felt[:], self.ground[:], count = 0.0, 0.0, 0
         for data in states:
-            self._felt += data.sensordata.take(self._ankles)
-            self._ground += self._ground_forces(data)
+            self.felt += data.sensordata.take(self.ankles)
+            self.ground += self._ground_forces(data)
             count += 1
-        self._felt /= count
-        self._ground /= count
+        self.felt /= count
+        self.ground /= count
 
     def _ground_forces(self, data: mujoco.MjData) -> np.ndarray:
         """Return torque about the world's origin and force on each foot, (2, 6)."""
-        forces = data.cfrc_ext.take(self._feet, axis=0)
+        forces = data.cfrc_ext.take(self.feet, axis=0)
         forces[:, :3] += _cross(data.subtree_com[self.robot.base_body], forces[:, 3:])
         return forces
 
@@ -192,9 +205,9 @@ class SimulatedRobot:
         """Return the sensors' readings, with noise if asked."""
         s = data.sensordata
         # MuJoCo gives what the shank exerts on the foot; the robot feels the opposite.
-        wrenches = -self._felt
+        wrenches = -self.felt
         positions = data.qpos[7:].copy()
-        quat, gyro, acc = (s[part].copy() for part in self._imu)
+        quat, gyro, acc = (s[part].copy() for part in self.imu)
         if self.settings.noise:
             scale, normal = self.settings.noise, self._rng.standard_normal
             wrenches += scale * _ANKLE_NOISE * normal((2, 6))
@@ -227,7 +240,7 @@ class SimulatedRobot:
         }
         if self.model.na:
             row["act"] = data.act.copy()
-        if self._pushable:
+        if self.pushable:
             row["xfrc_applied"] = data.xfrc_applied.copy()
         return row
 
@@ -235,20 +248,20 @@ class SimulatedRobot:
         """Return what only the simulator knows, ground forces of the last period."""
         data = self.data
         # mj_step leaves positions one step behind qpos: compute the CoM anew.
-        self._probe.qpos[:] = data.qpos
-        mujoco.mj_kinematics(self.model, self._probe)
-        mujoco.mj_comPos(self.model, self._probe)
-        left, right = self._ground
+        self.probe.qpos[:] = data.qpos
+        mujoco.mj_kinematics(self.model, self.probe)
+        mujoco.mj_comPos(self.model, self.probe)
+        left, right = self.ground
         m_x, m_y, _, _, _, f_z = (left + right).tolist()
         zmp = np.full(2, np.nan)
         if f_z > 1.0:
             zmp[:] = -m_y / f_z, m_x / f_z
         return Truth(
-            com=self._probe.subtree_com[self.robot.base_body].copy(),
+            com=self.probe.subtree_com[self.robot.base_body].copy(),
             zmp=zmp,
             loads=np.array([left[5], right[5]]),
             torques=data.actuator_force[self._actuators],
-            wrenches=-self._felt,
+            wrenches=-self.felt,
         )
 
 

@@ -23,9 +23,22 @@ from .plant import Command, Sensors
 from .resolution import ALL_ROWS, CartesianMotion, JointMotion, Task
 from .robot import LEGS, Robot
 from .sensing import Measurement
-from .tick_kernels import HANDED_OVER, Arrays, finish, tick
+from .tick_kernels import (
+    ASTRAY,
+    DONE,
+    ENCODERS,
+    HANDED_OVER,
+    LIFTED,
+    ORIENTATION,
+    TILTED,
+    WRENCHES,
+    Arrays,
+    finish,
+    look_up,
+    tick,
+)
 from .tick_records import STATE, dance_of, joints_of, rules_of
-from .walk import Watch
+from .walk import Outcome, Watch, astray, blind, lifted, tilted
 from .whole_body import WholeBody
 
 
@@ -103,6 +116,14 @@ class CompiledTick:
         self.handle = handle_of(*self.arrays)
         """The same, for kernels."""
 
+    def look_up(self, time: float) -> None:
+        """Find the reference at a time, which `step` does by itself.
+
+        Args:
+            time: Time since the plan's start [s].
+        """
+        look_up(self.handle, time)
+
     def feel(self, sensors: Sensors) -> None:
         """Take over what the sensors read.
 
@@ -128,7 +149,7 @@ class CompiledTick:
             return status
         self.arrays.v[:] = self.body.resolve(self.task)
         finish(self.handle)
-        return 0
+        return DONE
 
     @property
     def task(self) -> Task:
@@ -146,6 +167,21 @@ class CompiledTick:
         twist = base.twist if isinstance(base, CartesianMotion) else np.zeros(6)
         com, trunk = arrays.wanted["com"][0].copy(), arrays.wanted["trunk"][0].copy()
         return Task(com, support, twist, trunk, motions)
+
+    def outcome(self, status: int) -> Outcome:
+        """Return why the walk has to end.
+
+        Args:
+            status: What `step` returned, other than DONE.
+        """
+        reference, s = self.reference(), self.arrays.state[0]
+        if status == TILTED:
+            return tilted(reference, float(s["trunk_tilt"]))
+        if status == ASTRAY:
+            return astray(reference, float(s["missed"]))
+        if status == LIFTED:
+            return lifted(reference)
+        return blind(reference, _SENSORS[status])
 
     def reference(self) -> Reference:
         """Return what the plan asked for at the last tick."""
@@ -167,6 +203,9 @@ class CompiledTick:
     def command(self) -> Command:
         """Return the set-points of the last tick."""
         return Command(self.arrays.out.copy(), self.arrays.v[6:].copy())
+
+
+_SENSORS = {ENCODERS: "encoders", WRENCHES: "ankle sensors", ORIENTATION: "IMU"}
 
 
 def _first_state(reference: Reference, delay: int) -> tuple[np.ndarray, np.ndarray]:

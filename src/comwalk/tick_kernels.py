@@ -80,8 +80,8 @@ class Arrays(NamedTuple):
 
 
 @kernel
-def _floats(handle: np.ndarray, k: int) -> np.ndarray:
-    """Return the k-th array of a handle, of numbers."""
+def floats_at(handle: np.ndarray, k: int) -> np.ndarray:
+    """Return the k-th array of a handle, numbers."""
     return records_at(handle, k, _F8)
 
 
@@ -125,7 +125,11 @@ def _guard(rules: Record, state: Record, row: np.ndarray) -> int:
 @kernel
 def _sense(flat: Flat, handle: np.ndarray, rules: Record, state: Record) -> int:
     """Measure, and watch over what is measured."""
-    row, sensed, felt = _floats(handle, 13), _floats(handle, 17), _floats(handle, 18)
+    row, sensed, felt = (
+        floats_at(handle, 13),
+        floats_at(handle, 17),
+        floats_at(handle, 18),
+    )
     fault = _guard_sensors(sensed, felt)
     if fault != DONE:
         return fault
@@ -136,22 +140,22 @@ def _sense(flat: Flat, handle: np.ndarray, rules: Record, state: Record) -> int:
 @kernel
 def look_up(handle: np.ndarray, time: float) -> None:
     """Write the reference at a time into the row."""
-    rules, table = records_at(handle, 4, RULES)[0], _floats(handle, 12)
+    rules, table = records_at(handle, 4, RULES)[0], floats_at(handle, 12)
     phases = table.reshape((len(table) // r.PHASE_SIZE, r.PHASE_SIZE))
-    fill_reference(phases, rules.omega, rules.height, time, _floats(handle, 13))
+    fill_reference(phases, rules.omega, rules.height, time, floats_at(handle, 13))
 
 
 @kernel
 def _place_commanded(flat: Flat, handle: np.ndarray, rules: Record) -> None:
     """Place the robot as commanded, and find where its motion is."""
-    row, joints = _floats(handle, 13), records_at(handle, 6, JOINT)
-    place_links(flat, _floats(handle, 14))
+    row, joints = floats_at(handle, 13), records_at(handle, 6, JOINT)
+    place_links(flat.links, floats_at(handle, 14))
     find_levers(flat)
     if rules.compensate:
         plan_torques(flat, rules, row, joints)
     dance, moved = records_at(handle, 7, DANCE)[0], records_at(handle, 8, _I8)
     if len(moved):
-        knots, cubics = _floats(handle, 9), _floats(handle, 10)
+        knots, cubics = floats_at(handle, 9), floats_at(handle, 10)
         dance_at(dance, moved, knots, cubics, joints, row[r.TIME])
 
 
@@ -162,10 +166,10 @@ def act(handle: np.ndarray) -> int:
     Returns:
         DONE, or HANDED_OVER where `Resolver` has to find it.
     """
-    flat, wanted, v = flat_at(handle), wanted_at(handle)[0], _floats(handle, 15)
+    flat, wanted, v = flat_at(handle), wanted_at(handle)[0], floats_at(handle, 15)
     rules, state = records_at(handle, 4, RULES)[0], records_at(handle, 5, STATE)[0]
     joints, moved = records_at(handle, 6, JOINT), records_at(handle, 8, _I8)
-    past, row, q = _floats(handle, 11), _floats(handle, 13), _floats(handle, 14)
+    past, row, q = floats_at(handle, 11), floats_at(handle, 13), floats_at(handle, 14)
     control(rules, state, past.reshape((len(past) // 4, 4)), row)
     _place_commanded(flat, handle, rules)
     want(flat, rules, state, wanted, joints, moved, q, row)
@@ -177,11 +181,11 @@ def act(handle: np.ndarray) -> int:
 @kernel
 def finish(handle: np.ndarray) -> None:
     """Move the commanded configuration by its velocity, and write the set-points."""
-    flat, q, v = flat_at(handle), _floats(handle, 14), _floats(handle, 15)
+    flat, q, v = flat_at(handle), floats_at(handle, 14), floats_at(handle, 15)
     rules, state = records_at(handle, 4, RULES)[0], records_at(handle, 5, STATE)[0]
     joints, moved = records_at(handle, 6, JOINT), records_at(handle, 8, _I8)
     integrate(flat, q, v, rules.period)
-    set_points(rules, state, joints, moved, q, v, _floats(handle, 16))
+    set_points(rules, state, joints, moved, q, v, floats_at(handle, 16))
 
 
 @kernel

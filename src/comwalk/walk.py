@@ -85,6 +85,13 @@ class Watch:
         checked_number("watch.patience", self.patience, low=0, high=10, open_low=True)
 
 
+Progress = Callable[[float], None]
+"""Called now and then with the time since the plan's start [s]."""
+
+PROGRESS_ROWS = 50
+"""Periods between two calls of it."""
+
+
 class Tick(NamedTuple):
     """All that happened in one control period, for logs and views."""
 
@@ -164,15 +171,11 @@ def walk(
             sensors = plant.read()
         reason = "done" if outcome is None else outcome.cause
     except KeyboardInterrupt:
-        reason = "interrupted by the user"
-        outcome = _end(End.ABORTED, reference, reason)
+        outcome = interrupted(reference)
+        reason = outcome.cause
     finally:
         plant.stop(reason)
-    if outcome is None:
-        return Outcome(
-            End.COMPLETED, pattern.duration, reference.phase, reference.step, ""
-        )
-    return outcome
+    return completed(reference, pattern.duration) if outcome is None else outcome
 
 
 def check_joints(body: Body, plant: Plant) -> None:
@@ -200,6 +203,43 @@ def _end(end: End, reference: Reference, cause: str) -> Outcome:
     return Outcome(end, reference.time, reference.phase, reference.step, cause)
 
 
+def completed(reference: Reference, duration: float) -> Outcome:
+    """Return the outcome of a plan that was walked to its end.
+
+    Args:
+        reference: The last one.
+        duration: How long the plan lasts [s].
+    """
+    return Outcome(End.COMPLETED, duration, reference.phase, reference.step, "")
+
+
+def interrupted(reference: Reference) -> Outcome:
+    """Return the outcome of a walk that the user stopped."""
+    return _end(End.ABORTED, reference, "interrupted by the user")
+
+
+def blind(reference: Reference, sensors: str) -> Outcome:
+    """Return the outcome of sensors that read no numbers."""
+    return _end(End.ABORTED, reference, f"the {sensors} read no numbers")
+
+
+def tilted(reference: Reference, tilt: float) -> Outcome:
+    """Return the outcome of a trunk that tilted too far [rad]."""
+    cause = f"the trunk tilted by {math.degrees(tilt):.0f} deg"
+    return _end(End.FELL, reference, cause)
+
+
+def astray(reference: Reference, error: float) -> Outcome:
+    """Return the outcome of a CoM too far from its reference [m]."""
+    cause = f"the CoM is {error:.2f} m from its reference"
+    return _end(End.FELL, reference, cause)
+
+
+def lifted(reference: Reference) -> Outcome:
+    """Return the outcome of feet that bear the robot no longer."""
+    return _end(End.FELL, reference, "the feet lost the ground")
+
+
 class _Guard:
     """Watches over a run: the only part of the loop that knows of falls."""
 
@@ -216,25 +256,23 @@ class _Guard:
             ("IMU", sensors.orientation),
         ):
             if not math.isfinite(np.vdot(value, value)):
-                return _end(End.ABORTED, reference, f"the {name} read no numbers")
+                return blind(reference, name)
         return None
 
     def check(self, reference: Reference, measured: Measurement) -> Outcome | None:
         """Return the outcome that ends the run now, if any: a fall."""
         watch, t = self.watch, reference.time
         if measured.tilt > watch.tilt:
-            tilt = math.degrees(measured.tilt)
-            return _end(End.FELL, reference, f"the trunk tilted by {tilt:.0f} deg")
+            return tilted(reference, measured.tilt)
         (x, y, _), (x_d, y_d, _) = measured.com.tolist(), reference.com.tolist()
         error = math.hypot(x - x_d, y - y_d)
         if not error < watch.com_error:
-            cause = f"the CoM is {error:.2f} m from its reference"
-            return _end(End.FELL, reference, cause)
+            return astray(reference, error)
         self._heaviest = max(self._heaviest, measured.load)
         if measured.load >= watch.least_load * self._heaviest:
             self._lightened = None
         elif self._lightened is None:
             self._lightened = t
         elif t - self._lightened > watch.patience:
-            return _end(End.FELL, reference, "the feet lost the ground")
+            return lifted(reference)
         return None

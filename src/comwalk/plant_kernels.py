@@ -1,0 +1,224 @@
+"""Compiled exchange with MuJoCo: sensors out of its memory, set-points and rows in.
+
+`simulator.SimulatedRobot` and `log.Log` say what is read and kept and why; a test ties
+the two.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from . import rows as r
+from .compiled import kernel
+from .flat import LINK
+from .handles import record_at, records_at
+from .kernels import Record, place_links
+from .tick_kernels import floats_at
+from .tick_records import ROW, STATE
+
+_I8, _F8 = np.dtype(np.int64), np.dtype(np.float64)
+
+
+class SceneArrays(NamedTuple):
+    """All that is exchanged with MuJoCo in a run; views of its memory, by its names."""
+
+    qpos: np.ndarray
+    """Configuration."""
+    qvel: np.ndarray
+    """Velocity."""
+    ctrl: np.ndarray
+    """Set-points of the actuators."""
+    act: np.ndarray
+    """Activations, if there are any."""
+    sensordata: np.ndarray
+    """Readings of all sensors."""
+    cfrc_ext: np.ndarray
+    """Torque and force on each body about the robot's CoM, six numbers each."""
+    actuator_force: np.ndarray
+    """Forces of the actuators."""
+    xfrc_applied: np.ndarray
+    """Pushes on each body, six numbers each, if there are any."""
+    com: np.ndarray
+    """CoM as MuJoCo's last forward pass left it, which `cfrc_ext` is about."""
+    links: np.ndarray
+    """Records of `LINK`: the robot as it is in the scene, with its payload."""
+    actuators: np.ndarray
+    """Actuator of each joint."""
+    ankles: np.ndarray
+    """Where force and torque of both ankles stand in `sensordata`, (12,)."""
+    imu: np.ndarray
+    """Where the IMU's quaternion, gyro and accelerometer stand, (10,)."""
+    feet: np.ndarray
+    """Bodies of both feet."""
+    felt: np.ndarray
+    """Sums over a period of what the ankles read, (12,)."""
+    ground: np.ndarray
+    """The same of torque about the world's origin and force on both feet, (12,)."""
+    table: np.ndarray
+    """Rows of the log, as bytes."""
+    places: np.ndarray
+    """Length of a row, then where its arrays begin in it, in the order of `PLACES`."""
+
+
+PLACES = (
+    *("joints", "joint_rates", "joint_set_points", "qpos", "qvel", "ctrl"),
+    *("torques_true", "act", "xfrc_applied"),
+)
+"""Columns whose length depends on the robot."""
+
+
+@kernel
+def feel_step(scene: np.ndarray, step: int) -> None:
+    """Add up what ankles and ground feel after each physics step of a period.
+
+    Args:
+        scene: Handle of `SceneArrays`.
+        step: Number of the step, from 0.
+    """
+    felt, ground, force = (
+        floats_at(scene, 14),
+        floats_at(scene, 15),
+        floats_at(scene, 5),
+    )
+    readings, ankles, feet = (
+        floats_at(scene, 4),
+        records_at(scene, 11, _I8),
+        records_at(scene, 13, _I8),
+    )
+    for k in range(12):
+        if step == 0:
+            felt[k] = ground[k] = 0.0
+        felt[k] += readings[ankles[k]]
+    com = floats_at(scene, 8)
+    x, y, z = com[0], com[1], com[2]
+    for k in range(2):
+        own, total = force[6 * feet[k] : 6 * feet[k] + 6], ground[6 * k : 6 * k + 6]
+        total[0] += own[0] + y * own[5] - z * own[4]
+        total[1] += own[1] + z * own[3] - x * own[5]
+        total[2] += own[2] + x * own[4] - y * own[3]
+        for i in range(3, 6):
+            total[i] += own[i]
+
+
+@kernel
+def sense(scene: np.ndarray, tick: np.ndarray, steps: int) -> None:
+    """Average over the period, and give the sensors' readings to the tick."""
+    felt, ground = floats_at(scene, 14), floats_at(scene, 15)
+    qpos, readings, imu = (
+        floats_at(scene, 0),
+        floats_at(scene, 4),
+        records_at(scene, 12, _I8),
+    )
+    sensed, taken = floats_at(tick, 17), floats_at(tick, 18)
+    for k in range(12):
+        felt[k], ground[k] = felt[k] / steps, ground[k] / steps
+        taken[k] = -felt[k]  # MuJoCo gives what the shank exerts on the foot
+    for k in range(4):
+        taken[12 + k] = readings[imu[k]]
+    for k in range(7, len(sensed)):
+        sensed[k] = qpos[k]
+
+
+@kernel
+def _keep_state(kept: Record, state: Record, row: np.ndarray) -> None:
+    """Write what the plan, the sensors and the law say into a row of the log."""
+    kept.t, kept.phase, kept.step = row[r.TIME], int(row[r.PHASE]), int(row[r.STEP])
+    for i in range(3):
+        kept.com[i], kept.com_ref[i] = state.com[i], row[r.COM + i]
+        kept.feet_ref[0, i] = row[r.LEFT_FOOT + i]
+        kept.feet_ref[1, i] = row[r.RIGHT_FOOT + i]
+    for i in range(2):
+        kept.zmp[i], kept.zmp_ref[i] = state.zmp[i], row[r.ZMP + i]
+        kept.zmp_filtered[i] = state.zmp_filtered[i]
+        kept.zmp_ref_filtered[i] = state.zmp_reference[i]
+        kept.com_command[i], kept.u[i] = state.com_command[i], state.u[i]
+    kept.bounded = state.bounded != 0
+    kept.left_load, kept.heading_ref = row[r.LEFT_LOAD], row[r.HEADING]
+    kept.load, kept.tilt = state.load, state.trunk_tilt
+
+
+@kernel
+def _keep_truth(scene: np.ndarray, kept: Record) -> None:
+    """Write what only the simulator knows into a row; `SimulatedRobot.truth`."""
+    felt, ground, links = (
+        floats_at(scene, 14),
+        floats_at(scene, 15),
+        records_at(scene, 9, LINK),
+    )
+    place_links(links, floats_at(scene, 0))
+    for i in range(3):
+        kept.com_true[i] = 0.0
+    for k in range(len(links)):
+        for i in range(3):
+            kept.com_true[i] += links[k].moment[i]
+    load = ground[5] + ground[11]
+    kept.loads_true[0], kept.loads_true[1] = ground[5], ground[11]
+    kept.zmp_true[0] = kept.zmp_true[1] = math.nan
+    if load > 1.0:
+        kept.zmp_true[0] = -(ground[1] + ground[7]) / load
+        kept.zmp_true[1] = (ground[0] + ground[6]) / load
+    for k in range(12):
+        kept.wrenches_true[k // 6, k % 6] = -felt[k]
+
+
+@kernel
+def _keep_sensors(scene: np.ndarray, taken: np.ndarray, kept: Record) -> None:
+    """Write what the sensors read into a row."""
+    readings, imu = floats_at(scene, 4), records_at(scene, 12, _I8)
+    for k in range(12):
+        kept.wrenches[k // 6, k % 6] = taken[k]
+    for k in range(4):
+        kept.imu_quat[k] = taken[12 + k]
+    for k in range(3):
+        kept.imu_gyro[k], kept.imu_acc[k] = readings[imu[4 + k]], readings[imu[7 + k]]
+
+
+@kernel
+def _copy(source: np.ndarray, scene: np.ndarray, start: int, column: int) -> None:
+    """Copy numbers into a column of the row that starts at an address."""
+    place = records_at(scene, 17, _I8)[1 + column]
+    for k in range(len(source)):
+        record_at(start + place + 8 * k, _F8)[0] = source[k]
+
+
+@kernel
+def _keep(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None:
+    """Write the k-th row of the log, before the physics of its period."""
+    start = scene[2 * 16] + k * records_at(scene, 17, _I8)[0]
+    kept, state = record_at(start, ROW)[0], records_at(tick, 5, STATE)[0]
+    _keep_state(kept, state, floats_at(tick, 13))
+    _keep_truth(scene, kept)
+    _keep_sensors(scene, floats_at(tick, 18), kept)
+    kept.compute_s = seconds
+    qvel, force = floats_at(scene, 1), floats_at(scene, 6)
+    _copy(floats_at(tick, 17)[7:], scene, start, 0)
+    _copy(qvel[6:], scene, start, 1)
+    _copy(floats_at(tick, 16), scene, start, 2)
+    _copy(floats_at(scene, 0), scene, start, 3)
+    _copy(qvel, scene, start, 4)
+    _copy(floats_at(scene, 2), scene, start, 5)
+    actuators, place = records_at(scene, 10, _I8), records_at(scene, 17, _I8)[7]
+    for j in range(len(actuators)):
+        record_at(start + place + 8 * j, _F8)[0] = force[actuators[j]]
+    _copy(floats_at(scene, 3), scene, start, 7)
+    _copy(floats_at(scene, 7), scene, start, 8)
+
+
+@kernel
+def command(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None:
+    """Set the set-points of the next period, and write the k-th row of the log.
+
+    Args:
+        scene: Handle of `SceneArrays`.
+        tick: Handle of `tick_kernels.Arrays`.
+        k: Which row.
+        seconds: How long the tick took [s].
+    """
+    ctrl, actuators = floats_at(scene, 2), records_at(scene, 10, _I8)
+    out = floats_at(tick, 16)
+    for j in range(len(out)):
+        ctrl[actuators[j]] = out[j]
+    _keep(scene, tick, k, seconds)

@@ -95,7 +95,6 @@ ORDER = (
     "tick",
     "plant_kernels",
     "log",
-<<<<<<< HEAD
     "ros_messages",
     "mcap_file",
     "robot_urdf",
@@ -103,10 +102,8 @@ ORDER = (
     "mcap_log",
     "run_log",
     "export",
-=======
     "compiled_loop",
     "closed_loop",
->>>>>>> c5b3e19 (compiled_loop: The closed loop on shared memory, without objects)
     "summary",
     "plot",
     "gain_plane",
@@ -160,12 +157,8 @@ PACKAGES = {
         *("model_parts", "meshes", "up_axis", "urdf", "mjcf", "model_files"),
         *("skeleton", "soles", "anatomy", "roles", "posture", "servos"),
         *("marking", "marked", "robot"),
-<<<<<<< HEAD
         *("robot_urdf", "topics"),
-        *("simulator", "dynamics", "self_collision", "feasibility"),
-=======
         *("simulator", "dynamics", "self_collision", "feasibility", "compiled_loop"),
->>>>>>> c5b3e19 (compiled_loop: The closed loop on shared memory, without objects)
         *("run", "recording", "render", "portrait", "shapes", "scene"),
         *("viewer", "live_page"),
     },

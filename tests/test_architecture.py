@@ -127,6 +127,7 @@ ORDER = (
     # For people.
     "config",
     "trials",
+    "generate",
     "bench",
     "bench_report",
     "figures",
@@ -136,12 +137,14 @@ ORDER = (
     "live",
     "live_page",
     "view_commands",
+    "bars",
     "commands",
     "robot_commands",
     "log_commands",
     "bench_commands",
     "certify_commands",
     "identify_commands",
+    "generate_commands",
     "cli",
     "__main__",
 )
@@ -149,7 +152,8 @@ ORDER = (
 
 _COMMANDS = {
     *("bench_commands", "certify_commands", "cli", "commands", "log_commands"),
-    *("identify_commands", "page_commands", "robot_commands", "view_commands"),
+    *("generate_commands", "identify_commands", "page_commands"),
+    *("robot_commands", "view_commands"),
 }
 
 PACKAGES = {
@@ -169,7 +173,7 @@ PACKAGES = {
     "mcap": {"mcap_file", "run_log"},
     "zstandard": {"mcap_file"},
     "matplotlib": {"gain_plane", "plot", "response_plot", "figures", "render"},
-    "rich": {*_COMMANDS, "page_server"},
+    "rich": {*_COMMANDS, "bars", "page_server"},
     "cyclopts": {*_COMMANDS, "flags", "page_flags"},
 }
 """Where a package may be imported."""

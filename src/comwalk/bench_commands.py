@@ -5,23 +5,14 @@ from __future__ import annotations
 import json as json_format
 import os
 import sys
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.progress import (
-    BarColumn,
-    MofNCompleteColumn,
-    Progress,
-    TextColumn,
-    TimeElapsedColumn,
-    TimeRemainingColumn,
-)
 from rich.table import Table
 
+from .bars import counting_bar
 from .bench import Job, chosen, jobs_of, known_jobs, run_jobs
 from .bench_report import Findings, tables_of_findings, write_report
 from .errors import ParameterError, RunError, nearest
@@ -102,7 +93,7 @@ def bench(
     processes = (os.cpu_count() or 1) if workers is None else workers
     checked_count("workers", processes, 1, _MAX_WORKERS)
     folder = prepare_folder(out)
-    with _progress(len(jobs), quiet=json) as progress:
+    with counting_bar("trials", len(jobs), quiet=json) as progress:
         ledger = folder / "results.jsonl"
         results = run_jobs(jobs, ledger, workers=processes, progress=progress)
     findings = Findings(jobs, results)
@@ -157,25 +148,6 @@ def _failed(job: Job, result: dict[str, Any]) -> bool:
     )
     default = job.ablation.name == DEFAULT.name
     return plain and default and result["outcome"] != "completed"
-
-
-@contextmanager
-def _progress(total: int, quiet: bool) -> Generator[Callable[[int], None] | None]:
-    """Show a progress bar on a terminal; yield what moves it."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    columns = (
-        TextColumn("trials"),
-        MofNCompleteColumn(),
-        BarColumn(),
-        TimeElapsedColumn(),
-        TimeRemainingColumn(),
-    )
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda done: bar.update(task, completed=done)
 
 
 def _print_json(findings: Findings) -> None:

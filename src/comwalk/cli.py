@@ -39,6 +39,7 @@ _LOG = {
 }
 _IDENTIFY = "Shake the standing robot; tell lag, dead time, compliance and noise."
 _VIEW = "Look at a run in the browser: scrub through it, with CoM and ZMP beside."
+_GENERATE = "Write random gaits or dances of a robot as a dataset."
 _BENCH = "Try robots on walks, dances, floors, pushes and loads."
 _REPORT = "Write a run, or two side by side, as one page that works offline."
 _FILM = "Film a run, or take stills of it, without a window."
@@ -105,6 +106,9 @@ def _app() -> App:
         f"{__package__}.identify_commands:identify", name="identify", help=_IDENTIFY
     )
     app.command(f"{__package__}.view_commands:view", name="view", help=_VIEW)
+    app.command(
+        f"{__package__}.generate_commands:generate", name="generate", help=_GENERATE
+    )
     app.command(f"{__package__}.bench_commands:bench", name="bench", help=_BENCH)
     app.command(f"{__package__}.page_commands:report", name="report", help=_REPORT)
     app.command(f"{__package__}.page_commands:film", name="film", help=_FILM)

@@ -1029,7 +1029,7 @@ def _clip(robot: Robot, config: WalkConfig | DanceConfig, prefix: str) -> Motion
     given = {name: value for name, value in given.items() if value is not None}
     home, dancing = robot.home_angles, robot.upper_body
     if not is_motion_file(source):
-        return scaled(_builtin(robot, source, given), *factors, about=home)
+        return scaled(robot_dance(robot, source, given), *factors, about=home)
     for name, other in (("amplitude", "scale"), ("frequency", "speed")):
         if name in given:
             raise MotionError(
@@ -1045,8 +1045,20 @@ def _clip(robot: Robot, config: WalkConfig | DanceConfig, prefix: str) -> Motion
     )
 
 
-def _builtin(robot: Robot, name: str, options: Mapping[str, Any]) -> Motion:
-    """Return a built-in dance of the joints that a robot has."""
+def robot_dance(robot: Robot, name: str, options: Mapping[str, Any]) -> Motion:
+    """Return a built-in dance of the joints that a robot has.
+
+    Args:
+        robot: The robot.
+        name: The dance, one of `dances.BUILTIN_MOTIONS`.
+        options: Amplitude [rad] and frequency [Hz], as `builtin_motion` takes them.
+
+    Returns:
+        The motion, about the robot's home posture.
+
+    Raises:
+        MotionError: If there is no such dance, or the robot has none of its joints.
+    """
     joints = {role: joint for role, (joint, _) in robot.roles.items()}
     motion = renamed(builtin_motion(name, **options), joints)
     return placed(motion, robot.home_angles, dict(robot.roles.values()))

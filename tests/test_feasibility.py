@@ -26,6 +26,7 @@ from comwalk.footsteps import (
     plan_steps,
     shortened,
     slowed,
+    without_repeats,
 )
 from comwalk.motion import Motion, embed_in
 from comwalk.pattern import make_pattern
@@ -338,3 +339,65 @@ def test_an_excerpt_keeps_places_and_sides():
     assert part.steps == plan.steps[3:6]
     assert foot_poses(part) == pytest.approx(foot_poses(plan)[3:7])
     assert excerpt(plan, 20, 25).steps == ()
+
+
+def _around(plan):
+    """Return a plan whose steps in the middle are one of a kind, twice."""
+    steps = list(plan.steps)
+    for k in (9, 16):
+        steps[k] = replace(steps[k], swing_height=0.05)
+    return replace(plan, steps=tuple(steps))
+
+
+@given(
+    count=st.integers(1, 40),
+    keep=st.integers(0, 8),
+    turn=st.sampled_from((0.0, 0.15)),
+    lateral=st.sampled_from((0.0, 0.03)),
+)
+def test_steps_that_repeat_themselves_are_taken_out(count, keep, turn, lateral):
+    """In pairs, and what is left looks the same from foot to foot."""
+    plan = plan_steps(Gait(turn=turn, lateral=lateral, half_width=0.15), count)
+    less = without_repeats(plan, keep)
+    spare = len(plan.steps) - len(less.steps)
+    assert spare % 2 == 0
+    assert less is plan or len(less.steps) >= keep
+    assert len(less.steps) <= max(6, keep + 6)
+    assert [s.side for s in less.steps[-2:]] == [s.side for s in plan.steps[-2:]]
+    apart = [np.diff(foot_poses(p), axis=1)[:, 0] for p in (plan, less)]
+    reach = [np.hypot(*d[:, :2].T) for d in apart]
+    np.testing.assert_allclose(reach[1][:3], reach[0][:3], atol=1e-9)
+    np.testing.assert_allclose(reach[1][-3:], reach[0][-3:], atol=1e-9)
+    assert without_repeats(less, keep) is less
+
+
+def test_steps_that_stand_out_are_kept():
+    """Between rows of the same steps, and with what is two steps after them."""
+    plan = _around(plan_steps(Gait(), 30))
+    less = without_repeats(plan, 2)
+    heights = [step.swing_height for step in less.steps]
+    assert heights.count(0.05) == 2
+    assert len(less.steps) < 20
+    assert without_repeats(plan, 40) is plan
+
+
+@pytest.mark.parametrize("gait", [Gait(), Gait(turn=0.1, half_step=0.05)])
+def test_repeats_ask_for_nothing_new(gait):
+    """So that a walk of a thousand steps is checked like one of ten."""
+    whole = make_pattern(plan_steps(gait, 16), Pendulum())
+    part = make_pattern(without_repeats(whole.plan, 4), Pendulum())
+    shares = [
+        {(d.what, d.joint): d.share for d in feasibility(paper(), p).demands}
+        for p in (whole, part)
+    ]
+    del shares[0]["ZMP", "sole"]  # how often it is off depends on them
+    assert len(part.plan.steps) < 9
+    for key, share in shares[0].items():
+        assert shares[1][key] == pytest.approx(share, abs=2e-3)
+
+
+def test_a_long_walk_that_does_not_fit_is_refused():
+    """The short look only ever says yes."""
+    slow = limited("l_knee_pitch", speed=0.5)
+    with pytest.raises(PlanError, match="l_knee_pitch needs a speed"):
+        check_feasible(slow, walk_pattern(paper(), 10))

@@ -21,7 +21,7 @@ import numpy as np
 from .control import ControlOutput
 from .dynamics import InverseDynamics
 from .errors import PlanError
-from .footsteps import excerpt, shortened, slowed
+from .footsteps import excerpt, shortened, slowed, without_repeats
 from .motion import EmbeddedMotion
 from .pattern import Pattern, Phase, make_pattern
 from .polygon import polygon_margin
@@ -184,12 +184,34 @@ def check_feasible(
         PlanError: If it does not fit; names the worst demand, and changes by which it
             would.
     """
+    if motion is None and _fits_easily(robot, pattern):
+        return
     result = feasibility(robot, pattern, motion)
     if result.ok:
         return
     changes = nearest_plans(robot, pattern, motion, result.worst)
     complaint = _complaint(pattern, result.worst)
     raise PlanError(f"{complaint}; {advice(changes)}; --force walks it all the same")
+
+
+_SETTLED = 7.0  # times omega_n: the CoM has forgotten what was before, to 0.1 %
+_EASILY = 0.98  # share of the limits that a plan without its repeats may use
+_ZMP_EASILY = 0.8  # the same of the ZMP's: how often it is off depends on the repeats
+
+
+def _fits_easily(robot: Robot, pattern: Pattern) -> bool:
+    """Return whether a plan fits, as its steps that repeat themselves need one look."""
+    steps, omega = pattern.plan.steps, pattern.pendulum.omega
+    times = [step.double_support + step.single_support for step in steps]
+    keep = 2 * math.ceil(_SETTLED / (omega * min(times, default=1.0)))
+    plan = without_repeats(pattern.plan, keep)
+    if plan is pattern.plan:
+        return False
+    demands = feasibility(robot, make_pattern(plan, pattern.pendulum)).demands
+    return all(
+        demand.share <= (_ZMP_EASILY if demand.what == "ZMP" else _EASILY)
+        for demand in demands
+    )
 
 
 def advice(changes: Sequence[Change]) -> str:

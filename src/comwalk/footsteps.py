@@ -14,6 +14,7 @@ import tomllib
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
+from itertools import groupby
 from pathlib import Path
 from typing import Any, Literal, get_args
 
@@ -628,6 +629,58 @@ def excerpt(plan: FootstepPlan, first: int, last: int) -> FootstepPlan:
     return dataclasses.replace(
         plan, left=left, right=right, steps=steps, closing=closing
     )
+
+
+def without_repeats(plan: FootstepPlan, keep: int) -> FootstepPlan:
+    """Return a plan with fewer of the steps that only repeat those two before.
+
+    A step repeats another if it is the same seen from the other foot, in place, time
+    and height. Such steps are taken out in pairs, from the middle of each row of them.
+
+    Args:
+        plan: The plan.
+        keep: How many of each row of repeating steps are left at least.
+
+    Returns:
+        The plan, what comes after a gap moved up to it; the same plan if none is.
+    """
+    seen = _seen_steps(plan)
+    repeats = [k > 1 and _repeats(seen[k], seen[k - 2]) for k in range(len(seen))]
+    left: list[Footstep] = []
+    for again, row in groupby(zip(repeats, seen, strict=True), key=lambda x: x[0]):
+        steps = [step for _, step in row]
+        spare = 2 * ((len(steps) - keep) // 2) if again else 0
+        if spare > 0:
+            first = keep // 2
+            steps = steps[:first] + steps[first + spare :]
+        left += steps
+    if len(left) == len(seen):
+        return plan
+    feet, steps = {Side.LEFT: plan.left, Side.RIGHT: plan.right}, []
+    for step in left:
+        place = feet[step.side.other].compose(step.foothold)
+        feet[step.side] = place
+        x, y, yaw = _row(place)
+        steps.append(dataclasses.replace(step, x=x, y=y, yaw=yaw))
+    return dataclasses.replace(plan, steps=tuple(steps))
+
+
+def _seen_steps(plan: FootstepPlan) -> list[Footstep]:
+    """Return the steps, each where it is seen from the other foot."""
+    feet, seen = {Side.LEFT: plan.left, Side.RIGHT: plan.right}, []
+    for step in plan.steps:
+        x, y, yaw = _row(_seen_from(feet[step.side.other], step.foothold))
+        seen.append(dataclasses.replace(step, x=x, y=y, yaw=yaw))
+        feet[step.side] = step.foothold
+    return seen
+
+
+def _repeats(step: Footstep, other: Footstep) -> bool:
+    """Return whether two steps, each seen from the other foot, are the same."""
+    rest = (step.side, step.single_support, step.double_support, step.swing_height)
+    same = (other.side, other.single_support, other.double_support, other.swing_height)
+    near = math.dist(_row(step.foothold), _row(other.foothold)) < 1e-9
+    return near and rest == same and step.stand is None and other.stand is None
 
 
 def _seen_from(foot: Foothold, other: Foothold) -> Foothold:

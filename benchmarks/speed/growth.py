@@ -1,4 +1,4 @@
-"""How times grow: with the joints of a robot, and with the steps of a plan; the loop.
+"""How times grow: with the joints of a robot; and the closed loop.
 
 The closed loop is what `comwalk walk` runs, physics included, at 500 Hz.
 """
@@ -21,8 +21,6 @@ from comwalk.model_files import read_model
 
 FINGERS = (0, 10, 30, 90)
 """Joints that a robot is given more."""
-
-STEPS = (1, 4, 20, 100, 1000, 10000)
 
 
 def with_joints(rounds: int) -> list[dict[str, Any]]:
@@ -57,20 +55,6 @@ def with_fingers(spec: mujoco.MjSpec, count: int, folder: Path) -> Path:
     spec.compile()
     path.write_text(spec.to_xml(), encoding="utf-8")
     return path
-
-
-def with_steps(rounds: int) -> list[dict[str, Any]]:
-    """Return the time to plan a walk of n steps from scratch, footsteps included."""
-    gait, pendulum = cw.Gait(), cw.Pendulum()
-    calls = {
-        str(n): lambda k, n=n: cw.make_pattern(cw.plan_steps(gait, n), pendulum)
-        for n in STEPS
-    }
-    found = interleaved(calls, str(STEPS[0]), rounds=rounds)
-    return [
-        {"steps": int(n), "us": row["median"], "us_per_step": row["median"] / int(n)}
-        for n, row in found.items()
-    ]
 
 
 def closed_loop(names: tuple[str, ...], steps: int) -> list[dict[str, Any]]:

@@ -26,14 +26,15 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before anything loads numpy
 
 from candidates import FLOORS, OWN, PLAIN
-from growth import closed_loop, with_joints, with_steps
+from growth import closed_loop, robots_at_once, with_joints
+from pattern import others, planning, replanning
 from peers import PEERS
 from problem import ROBOTS, TASKS, make_problem, save_problem
 from realtime import realtime
 from startup import environment, startup
 from tables import document, print_tables, readme, replaced
 
-SECTIONS = ("resolution", "start", "growth", "loop", "realtime")
+SECTIONS = ("resolution", "pattern", "start", "growth", "loop", "realtime")
 HOW = {
     "real-time priority, collector frozen": {},
     "usual priority, collector frozen": {"priority": False},
@@ -101,9 +102,12 @@ def _section(name: str, options: argparse.Namespace, peers: dict[str, str]) -> A
         return resolution(robots, rounds, peers)
     if name == "start":
         return {"rows": startup(5), "first": first_answers(robots[-1], peers)}
+    if name == "pattern":
+        ways, plans = others(max(3, rounds // 8)), planning(max(5, rounds // 4))
+        return {"ways": ways, "plans": plans, "anew": replanning(rounds)}
     if name == "growth":
-        few = max(5, rounds // 4)
-        return {"joints": with_joints(few), "steps": with_steps(few)}
+        joints = with_joints(max(5, rounds // 4))
+        return {"joints": joints, "robots": robots_at_once()}
     if name == "loop":
         return closed_loop((*robots[1:], "paper"), 8)
     return {

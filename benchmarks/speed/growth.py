@@ -5,6 +5,7 @@ The closed loop is what `comwalk walk` runs, physics included, at 500 Hz.
 
 from __future__ import annotations
 
+import math
 import statistics
 import tempfile
 import time
@@ -18,9 +19,14 @@ from problem import make_problem
 
 import comwalk as cw
 from comwalk.model_files import read_model
+from comwalk.monte_carlo import monte_carlo
 
 FINGERS = (0, 10, 30, 90)
 """Joints that a robot is given more."""
+ROBOTS_AT_ONCE = (16, 256, 4096, 65536)
+"""Robots of the simplified model, each with its own disturbance."""
+TICKS = 20_000_000
+"""About how many ticks they make in all."""
 
 
 def with_joints(rounds: int) -> list[dict[str, Any]]:
@@ -86,3 +92,17 @@ def _physics_step(model: mujoco.MjModel) -> float:
         mujoco.mj_step(model, data, 10)
         times.append((time.perf_counter() - begin) / 10)
     return statistics.median(times)
+
+
+def robots_at_once() -> list[dict[str, Any]]:
+    """Return ticks of the simplified model per second, on all cores, by robots."""
+    rows = []
+    for n in ROBOTS_AT_ONCE:
+        ticks, best = max(100, min(10_000, TICKS // n)), math.inf
+        bounds = {"a": 0.05, "b": 0.5, "duration": 0.002 * ticks}
+        for _ in range(4):  # the first compiles
+            begin = time.perf_counter()
+            monte_carlo(cw.Pendulum(), 3.0, 6.6, robots=n, **bounds)
+            best = min(best, time.perf_counter() - begin)
+        rows.append({"robots": n, "rate": n * ticks / best})
+    return rows

@@ -9,7 +9,6 @@ do the same.
 from __future__ import annotations
 
 import importlib.util
-import math
 from collections.abc import Callable
 from typing import Any
 
@@ -222,23 +221,3 @@ def predictive(omega: float) -> Follow:
         return com
 
     return follow
-
-
-def robots(counts: tuple[int, ...] = (16, 256, 4096, 65536)) -> list[dict[str, Any]]:
-    """Return how many ticks of the simplified model are made a second, by robots."""
-    import time
-
-    from comwalk.monte_carlo import monte_carlo
-
-    rows = []
-    for n in counts:
-        duration = min(20.0, max(0.2, 2e8 * 0.002 / n / 20.0))
-        best = math.inf
-        for _ in range(4):  # the first compiles
-            begin = time.perf_counter()
-            monte_carlo(
-                cw.Pendulum(), 3.0, 6.6, a=0.05, b=0.5, duration=duration, robots=n
-            )
-            best = min(best, time.perf_counter() - begin)
-        rows.append({"robots": n, "rate": n * round(duration / 0.002) / best})
-    return rows

@@ -173,11 +173,11 @@ def repair(path: Path) -> LogFacts:
         RunError: If it cannot be read or written, a run still writes it, or nothing
             is in it.
     """
+    if is_open(path):
+        raise RunError(f"{path} is still being written; wait until the run is over")
     facts = inspect(path)
     if facts.end.whole:
         return facts
-    if is_open(path):
-        raise RunError(f"{path} is still being written; wait until the run is over")
     part = path.with_name(f".{path.name}.part")
     try:
         copy_whole(path, part)

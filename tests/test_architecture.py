@@ -49,6 +49,7 @@ ORDER = (
     "resolution",
     "resolver",
     "settings",
+    "observed",
     # The whole body, in MuJoCo.
     "model_parts",
     "mesh_files",

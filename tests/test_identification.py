@@ -3,8 +3,11 @@
 from __future__ import annotations
 
 import json
+import re
+import shlex
 from collections import deque
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -249,20 +252,33 @@ def test_a_robot_in_physics_is_identified():
     assert added == pytest.approx(built_in * np.array(gains), rel=0.1)
 
 
-def test_the_command_writes_what_certify_reads(tmp_path, capsys):
-    """Table, JSON, picture and loop.toml."""
-    words = ["identify", "paper", "--out", str(tmp_path), "--json"]
-    words += ["--experiment.sweeps", "2", "--experiment.taps", "4"]
-    assert main(words) == 0
+DOCUMENT = (Path(__file__).parent.parent / "docs" / "identification.md").read_text()
+
+
+def test_the_commands_of_the_document_run(tmp_path, monkeypatch, capsys):
+    """Table, JSON, picture, and loop.toml, which certify reads."""
+    monkeypatch.chdir(tmp_path)
+    block = re.search(r"<!-- run -->\n```bash\n(.*?)```", DOCUMENT, re.DOTALL)
+    assert block is not None
+    first, second = (shlex.split(line)[1:] for line in block[1].splitlines())
+    short = ["--experiment.sweeps", "2", "--experiment.taps", "4", "--json"]
+    assert main([*first, *short]) == 0
     facts = json.loads(capsys.readouterr().out)
     assert facts["delay_ticks"] == 0
     assert facts["axes"]["y"]["more_delay_ms"]["walking"] == pytest.approx(20.0, abs=2)
-    assert (tmp_path / "identify.png").stat().st_size > 30_000
-    assert json.loads((tmp_path / "identify.json").read_text()) == facts
-    config = str(tmp_path / "loop.toml")
-    assert main(["certify", "--config", config, "--json"]) == 0
-    certified = json.loads(capsys.readouterr().out)
-    loop = facts["axes"]["y"]["loop"]
-    assert certified["loop"]["mode_frequency"] == pytest.approx(
-        loop["mode_frequency"], rel=1e-4
-    )
+    assert Path("found/identify.png").stat().st_size > 30_000
+    assert json.loads(Path("found/identify.json").read_text()) == facts
+    assert main([*second, "--json"]) == 0
+    certified = json.loads(capsys.readouterr().out)["loop"]
+    for name, value in facts["axes"]["y"]["loop"].items():
+        assert certified[name] == pytest.approx(value, rel=1e-4)
+
+
+def test_the_program_of_the_document_prints_what_it_says(capsys):
+    """On the simplified model."""
+    code = re.search(r"```python\n(.*?)```", DOCUMENT, re.DOTALL)
+    text = re.search(r"```text\n(.*?)```", DOCUMENT, re.DOTALL)
+    assert code is not None
+    assert text is not None
+    exec(compile(code[1], "identification.md", "exec"), {})
+    assert capsys.readouterr().out == text[1]

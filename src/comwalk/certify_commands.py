@@ -15,6 +15,7 @@ from .certificate_table import (
     sections_of_certificate,
 )
 from .config import CertifyConfig, build_certificate, make_config
+from .errors import ParameterError
 from .flags import flags_of, given_flags, with_flags
 
 _Flags = flags_of(CertifyConfig, ("robot",))
@@ -32,13 +33,21 @@ def certify(
     config: Annotated[
         Path | None, Parameter(help="TOML file with the same keys; flags win.")
     ] = None,
+    run: Annotated[
+        Path | None,
+        Parameter(help="Folder of a walk: compare what it shows with its bounds."),
+    ] = None,
 ) -> int:
     """Tell what the gains of a robot guarantee, before it moves.
 
     Gains, filter and loop are those of `comwalk walk` unless given. Exit code 0 if the
-    gains are stable, 1 if they are not; then it tells what to change.
+    gains are stable, 1 if they are not; then it tells what to change. With --run, what
+    disturbed a walk, the bounds that this implies, and the errors that were observed;
+    exit code 1 if one exceeds its bound.
     """
     given = given_flags(flags) | ({} if robot is None else {"robot": robot})
+    if run is not None:
+        return _compare(run, given, config)
     settings = make_config(CertifyConfig, given, config)
     certificate = build_certificate(settings)
     numbers = {"robot": settings.robot, **numbers_of_certificate(certificate)}
@@ -49,6 +58,25 @@ def certify(
     else:
         _print(certificate, numbers)
     return 0 if certificate.stable else 1
+
+
+def _compare(run: Path, given: dict[str, Any], config: Path | None) -> int:
+    """Compare a walk with its bounds; return the exit code."""
+    from .observed import lines_of_observed, numbers_of_observed, observe_run
+
+    others = [name for name in given if name != "json"]
+    if others or config is not None:
+        raise ParameterError(
+            "--run takes robot, gains and loop from the run; leave out "
+            + (others[0] if others else "--config")
+        )
+    axes = observe_run(run)
+    if given.get("json"):
+        print(json_format.dumps(numbers_of_observed(axes), indent=2, allow_nan=False))
+    else:
+        print("\n".join(line for x in axes for line in lines_of_observed(x)))
+    compared = [c for x in axes for c in (x.ideal, x.loop) if c is not None]
+    return 0 if all(c.holds for c in compared) else 1
 
 
 def _written(

@@ -43,6 +43,7 @@ ORDER = (
     "control",
     "certificate",
     "certificate_table",
+    "design",
     "published",
     "experiment",
     "plant",

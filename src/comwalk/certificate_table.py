@@ -55,6 +55,22 @@ def sections_of_certificate(certificate: Certificate) -> list[Section]:
     return [Section("", [gains]), *sections]
 
 
+def flags_to_walk_with(certificate: Certificate) -> str:
+    """Return the flags of `comwalk walk` that have these gains and this filter.
+
+    Args:
+        certificate: What `certify` returned.
+
+    Returns:
+        The flags.
+    """
+    (p, c), (still_p, still_c) = certificate.gains.walking, certificate.gains.standing
+    pairs = {"zmp": p, "com": c, "standing-zmp": still_p, "standing-com": still_c}
+    flags = [f"--gains.{name} {x:g},{y:g}" for name, (x, y) in pairs.items()]
+    cutoff = certificate.loop.zmp_cutoff
+    return " ".join([*flags, f"--control.zmp-cutoff {cutoff or math.inf:g}"])
+
+
 Reader: TypeAlias = tuple[str, Callable[[Any], str]]
 """The name of a row, and what gives the text of an axis; None has no text."""
 

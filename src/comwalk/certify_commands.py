@@ -11,6 +11,7 @@ from cyclopts import Parameter
 from .certificate import Certificate
 from .certificate_table import (
     Section,
+    flags_to_walk_with,
     numbers_of_certificate,
     sections_of_certificate,
 )
@@ -51,6 +52,8 @@ def certify(
     settings = make_config(CertifyConfig, given, config)
     certificate = build_certificate(settings)
     numbers = {"robot": settings.robot, **numbers_of_certificate(certificate)}
+    if settings.design is not None:
+        numbers["flags"] = flags_to_walk_with(certificate)
     if settings.out is not None:
         numbers["files"] = _written(certificate, numbers, Path(settings.out))
     if settings.json:
@@ -95,7 +98,10 @@ def _written(
 
 def _print(certificate: Certificate, numbers: dict[str, Any]) -> None:
     """Print the verdict, the table, and what was written."""
-    print(f"{numbers['robot']}: {certificate.verdict}\n")
+    print(f"{numbers['robot']}: {certificate.verdict}")
+    if "flags" in numbers:
+        print(f"walk with: {numbers['flags']}")
+    print()
     sections = sections_of_certificate(certificate)
     head = Section("", [("", *(x.name for x in certificate.axes))])
     columns = zip(*(row for s in [head, *sections] for row in s.rows), strict=True)

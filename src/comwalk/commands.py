@@ -351,6 +351,9 @@ def _perform(
     kept = dataclasses.replace(settings, out=None, report=False, video=(), json=False)
     table = table_of(kept)
     about = {"command": words, "config": table, "notes": list(setup.notes)}
+    about["certificate"] = verdict = setup.certificate().verdict
+    if not settings.json:
+        _print(f"certificate: {verdict}")
     try:
         if where is None:
             with _progress(setup.pattern.duration, settings.json) as progress:

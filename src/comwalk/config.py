@@ -62,6 +62,7 @@ from .settings import BodySettings, Control, Push, SimulatorSettings
 
 if TYPE_CHECKING:
     from .certificate import Certificate
+    from .design import Aim, DesignGoal
     from .robot import Robot
     from .run import Run
     from .whole_body import WholeBody
@@ -347,6 +348,10 @@ class CertifyConfig:
     rate."""
     exact: bool = True
     """Whether to find the exact worst cases, by linear programs."""
+    design: str | None = None
+    """Design gains and ZMP filter: gait (least ZMP error of the robot's steps),
+    disturbance (the largest that is guaranteed to be survived), or a natural frequency
+    in rad/s and a damping, such as 4.1,0.7."""
     out: str | None = None
     """Folder for certificate.json and the picture; nothing is written if not given."""
     json: bool = False
@@ -362,6 +367,8 @@ class CertifyConfig:
             checked_number(
                 f"disturbance ({name})", value, unit=unit, low=0, open_low=True
             )
+        if self.design is not None and self.gains.values:
+            raise ParameterError("give a design or gains, not both")
 
 
 def parse_push(text: str) -> Push:
@@ -746,6 +753,19 @@ class Setup:
             about=about,
         )
 
+    def certificate(self) -> Certificate:
+        """Return what its gains guarantee, without the exact worst cases.
+
+        Returns:
+            The certificate.
+        """
+        from .certificate import certify
+        from .defaults import sole_room
+
+        room = None if self.robot is None else sole_room(self.robot)
+        gains, pendulum = self.control.gains, self.pattern.pendulum
+        return certify(pendulum, gains, self.control.loop(), room=room, exact=False)
+
 
 def build_walk(config: WalkConfig) -> Setup:
     """Return what a walk needs, checked.
@@ -790,28 +810,58 @@ def build_certificate(config: CertifyConfig) -> Certificate:
     from .certificate import certify
     from .defaults import (
         default_control_settings,
-        default_gains,
         default_pendulum,
         sole_room,
     )
+    from .design import design
     from .robot import load_robot
 
     robot = load_robot(config.robot, profile=config.profile)
     pendulum = config.pendulum.over(default_pendulum(robot))
-    gains = config.gains.over(default_gains(robot))
     period = float(config.loop.values.get("period", Control().period))
+    gains = _gains(config.gains, robot, period)
     settings = default_control_settings(robot, gains, pendulum=pendulum, period=period)
     loop = Control(gains=gains, settings=settings, period=period).loop()
+    loop = config.loop.over(loop)
     a, b = config.disturbance
-    return certify(
-        pendulum,
-        gains,
-        config.loop.over(loop),
-        a=a,
-        b=b,
-        room=sole_room(robot),
-        exact=config.exact,
-    )
+    if config.design is not None:
+        goal = _goal(config.design, robot, a, b)
+        gains, cutoff = design(pendulum, loop, goal)
+        loop = dataclasses.replace(loop, zmp_cutoff=cutoff)
+    room = sole_room(robot)
+    return certify(pendulum, gains, loop, a=a, b=b, room=room, exact=config.exact)
+
+
+def _goal(text: str, robot: Robot, a: float, b: float) -> DesignGoal:
+    """Return the goal of a design from its text."""
+    from .defaults import default_gait
+    from .design import DesignGoal
+
+    if text in ("gait", "disturbance"):
+        aim: Aim = "gait" if text == "gait" else "disturbance"
+        step_time = default_gait(robot).period
+        return DesignGoal(aim=aim, step_time=step_time, a=a, b=b)
+    try:
+        frequency, damping = (float(word) for word in text.split(","))
+    except ValueError:
+        raise ParameterError(
+            f"design must be gait, disturbance, or a natural frequency in rad/s and a "
+            f'damping such as 4.1,0.7, got "{text}"'
+        ) from None
+    return DesignGoal(aim="poles", frequency=frequency, damping=damping)
+
+
+def _gains(given: Given[Gains], robot: Robot, period: float) -> Gains:
+    """Return the given gains over the robot's.
+
+    Standing gains that were designed beside other walking gains go with those.
+    """
+    from .defaults import default_gains
+
+    own = default_gains(robot, period=period)
+    if {"zmp", "com"} & set(given.values):
+        own = dataclasses.replace(own, standing_zmp=None, standing_com=None)
+    return given.over(own)
 
 
 def _refuse_idle(config: WalkConfig) -> None:
@@ -925,9 +975,10 @@ def _pendulum(config: RobotConfig, robot: Robot) -> Pendulum:
 
 def _setup(config: RobotConfig, robot: Robot, pattern: Pattern) -> Setup:
     """Return a setup without motion."""
-    from .defaults import default_control_settings, default_gains
+    from .defaults import default_control_settings
 
-    gains, period = config.gains.over(default_gains(robot)), float(config.period)
+    period = float(config.period)
+    gains = _gains(config.gains, robot, period)
     settings = default_control_settings(
         robot, gains, pendulum=pattern.pendulum, period=period
     )

@@ -18,6 +18,7 @@ import numpy as np
 
 from .certificate import SoleRoom
 from .control import PAPER_GAINS, ControlSettings, Gains
+from .design import Design, DesignGoal, design
 from .errors import ComwalkError, ParameterError, PlanError, checked_number
 from .feasibility import feasibility
 from .footsteps import PAPER_GAIT, Gait, Side, plan_steps
@@ -172,21 +173,46 @@ def _widened(gait: Gait, size: tuple[float, float]) -> Gait:
 _WIDTHS = np.linspace(1.0, 2.0, 21).tolist()  # of the usual distance of the feet
 
 
-def default_gains(robot: Robot) -> Gains:
-    """Return the paper's gains for the natural frequency of a robot.
+def default_gains(robot: Robot, *, period: float = 0.002) -> Gains:
+    """Return gains designed for a robot and its natural gait.
 
     Args:
         robot: The robot.
+        period: Control period [s].
+
+    Returns:
+        Those of `design`; the paper's robot keeps the paper's.
+
+    Raises:
+        ParameterError: If the period is out of range, or too long for any gains.
+    """
+    if robot.name == "paper":
+        return similar_gains(default_pendulum(robot))
+    return _designed(robot, period).gains
+
+
+def similar_gains(pendulum: Pendulum) -> Gains:
+    """Return the paper's gains for another natural frequency.
+
+    Args:
+        pendulum: Gives omega_n [rad/s].
 
     Returns:
         Gains as many times the paper's as omega_n is.
     """
-    f = default_pendulum(robot).omega / PAPER_PENDULUM.omega
+    f = pendulum.omega / PAPER_PENDULUM.omega
     k_p, k_c = PAPER_GAINS.walking
     return Gains(
         zmp=(_digits(f * k_p[0]), _digits(f * k_p[1])),
         com=(_digits(f * k_c[0]), _digits(f * k_c[1])),
     )
+
+
+@lru_cache(maxsize=32)
+def _designed(robot: Robot, period: float) -> Design:
+    """Return gains and filter for the steps of a robot's natural gait."""
+    goal = DesignGoal(step_time=default_gait(robot).period)
+    return design(default_pendulum(robot), Control(period=period).loop(), goal)
 
 
 def default_control_settings(
@@ -205,13 +231,16 @@ def default_control_settings(
         period: Control period [s].
 
     Returns:
-        Settings with a ZMP cut-off as many times the paper's as omega_n is, but at
-        most half of the highest that is stable.
+        Settings with the ZMP cut-off that designed gains are meant for; with others
+        as many times the paper's as omega_n is, but at most half of the highest that
+        is stable.
     """
     pendulum = pendulum or default_pendulum(robot)
-    gains = gains or default_gains(robot)
-    usual = ControlSettings()
+    usual, own = ControlSettings(), default_gains(robot, period=period)
+    gains = gains or own
     cutoff = (usual.zmp_cutoff or 0.0) * pendulum.omega / PAPER_PENDULUM.omega
+    if gains == own and robot.name != "paper":
+        cutoff = _designed(robot, period).zmp_cutoff
     loop = SampledLoop(period=period, delay=usual.delay + 1)
     highest = [
         highest_cutoff(pendulum, k_p, k_c, loop)
@@ -232,7 +261,7 @@ def default_control(robot: Robot, *, period: float = 0.002) -> Control:
     Returns:
         Its default gains, filter and bounds.
     """
-    gains = default_gains(robot)
+    gains = default_gains(robot, period=period)
     settings = default_control_settings(robot, gains, period=period)
     return Control(gains=gains, settings=settings, period=period)
 

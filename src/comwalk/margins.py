@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -19,6 +20,7 @@ from .sampled import (
     crossings,
     low_pass_coefficient,
     on_circle,
+    open_loop,
     spectral_radius,
 )
 
@@ -41,13 +43,12 @@ class Margins:
     sensitivity."""
 
 
+Gain: TypeAlias = Any
+"""A gain [1/s], or an array of them that a formula is applied to at once."""
+
+
 def loop_gain(
-    k_p: float,
-    k_c: float,
-    loop: SampledLoop,
-    z: np.ndarray,
-    C: np.ndarray,
-    P: np.ndarray,
+    k_p: Gain, k_c: Gain, loop: SampledLoop, z: Any, C: Any, P: Any
 ) -> np.ndarray:
     r"""Return the loop gain :math:`L = k_c C - k_p F P`, F the filter of each tick.
 
@@ -113,6 +114,65 @@ def margins(pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop) -> Ma
         delay=loop.period * min((p / t for t, p in leads), default=math.inf),
         modulus=min(near, 1.0 - 1.0 / up, 2.0 * math.sin(0.5 * phase)),
     )
+
+
+def gain_limit(pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop) -> float:
+    """Return by what factor both gains may grow from zero before the loop is unstable.
+
+    Args:
+        pendulum: Gives omega_n [rad/s].
+        k_p: ZMP gain [1/s], 0 or above.
+        k_c: CoM gain [1/s], above k_p.
+        loop: The loop.
+
+    Returns:
+        Factor [-]: every smaller one is stable; infinite if all are.
+
+    Example:
+        >>> round(gain_limit(Pendulum(), 3.0, 6.6, SampledLoop()), 2)
+        2.14
+    """
+
+    def factor(z: np.ndarray, C: np.ndarray, P: np.ndarray) -> np.ndarray:
+        return -1.0 / loop_gain(k_p, k_c, loop, z, C, P)
+
+    found = crossings(pendulum, loop, factor)
+    return min((g for _, g in found if g > 0.0), default=math.inf)
+
+
+def zmp_sensitivity(
+    pendulum: Pendulum, k_p: Gain, k_c: Gain, loop: SampledLoop, frequency: float
+) -> Gain:
+    r"""Return what the law leaves of a ZMP error that swings, such as the swing foot's.
+
+    .. math:: S = \frac{1 + k_c C}{1 + k_c C - k_p F P}, \quad
+        S(0) = \frac{k_c}{k_c - k_p}
+
+    Without the law the ZMP under the soles would be off by 1 where it is off by S.
+
+    Args:
+        pendulum: Gives omega_n [rad/s].
+        k_p: ZMP gain [1/s], or an array.
+        k_c: CoM gain [1/s], or an array of the same shape.
+        loop: The loop.
+        frequency: Of the error [Hz], above 0, below half the sampling frequency.
+
+    Returns:
+        |S| [-], of the shape of the gains.
+
+    Raises:
+        ParameterError: If the frequency is out of range.
+
+    Example:
+        >>> round(zmp_sensitivity(Pendulum(), 3.0, 6.6, SampledLoop(), 1.0), 2)
+        0.87
+    """
+    high, name = 0.5 / loop.period, "frequency"
+    f = checked_number(name, frequency, unit="Hz", low=0.0, high=high, open_low=True)
+    z = np.exp([2j * math.pi * f * loop.period])
+    (C,), (P,) = open_loop(pendulum, loop, z)
+    L = loop_gain(k_p, k_c, loop, z[0], C, P)
+    return abs((1.0 + k_c * C) / (1.0 + L))
 
 
 def largest_zmp_gain(pendulum: Pendulum, k_c: float, loop: SampledLoop) -> float:

@@ -352,12 +352,12 @@ def _perform(
     table = table_of(kept)
     about = {"command": words, "config": table, "notes": list(setup.notes)}
     about["certificate"] = verdict = setup.certificate().verdict
-    if not settings.json:
-        _print(f"certificate: {verdict}")
+    line = None if settings.json else f"certificate: {verdict}"
     try:
         if where is None:
             with _progress(setup.pattern.duration, settings.json) as progress:
-                run = setup.run(progress, record=folder / MCAP_NAME, about=about)
+                told = _telling(line, progress)
+                run = setup.run(told, record=folder / MCAP_NAME, about=about)
         else:
             run = _walk_in_page(settings, setup, about, where)
     except BaseException:
@@ -414,6 +414,21 @@ def _progress(
     with Progress(*columns, console=console, transient=True) as bar:
         task = bar.add_task("", total=duration)
         yield lambda time: bar.update(task, completed=time)
+
+
+def _telling(
+    line: str | None, progress: Callable[[float], None] | None
+) -> Callable[[float], None]:
+    """Return what prints a line as soon as the robot moves, then shows progress."""
+    left = [] if line is None else [line]
+
+    def show(time: float) -> None:
+        if left:
+            _print(left.pop())
+        if progress is not None:
+            progress(time)
+
+    return show
 
 
 @contextmanager

@@ -113,7 +113,7 @@ def test_a_design_leaves_less_of_a_steps_zmp_error_than_the_papers_gains(height)
 
 
 def test_no_other_gains_of_the_same_restraint_leave_less():
-    """A coarse search over all three numbers, with the same margins, finds no better."""
+    """A coarse search over all three, with the same margins, finds no better."""
     pendulum, loop, goal = Pendulum(), SampledLoop(), DesignGoal()
     gains, cutoff = design(pendulum, loop, goal)
 

@@ -1,6 +1,8 @@
 """Replanning while walking: the plan where nothing changes, the model where it does."""
 
 import math
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -423,3 +425,15 @@ def test_a_commanded_walk_in_physics():
     assert not orders
     assert len(online.footsteps) >= 4
     assert max(far) < 0.02
+
+
+def test_snippets_of_the_docs_print_what_they_say(capsys):
+    """docs/replanning.md, one after the other."""
+    text = (Path(__file__).parent.parent / "docs" / "replanning.md").read_text("utf-8")
+    runs = re.findall(r"<!-- run -->\n```python\n(.*?)```", text, re.DOTALL)
+    says = re.findall(r"<!-- says -->\n```text\n(.*?)```", text, re.DOTALL)
+    assert len(runs) == len(says) == 2
+    names: dict[str, object] = {}
+    for code, said in zip(runs, says, strict=True):
+        exec(compile(code, "docs/replanning.md", "exec"), names)
+        assert capsys.readouterr().out == said

@@ -14,7 +14,7 @@ import numpy as np
 
 from . import rows as r
 from .compiled import kernel
-from .footsteps import FootstepPlan, Side
+from .footsteps import Footstep, FootstepPlan, Side
 from .pattern import MIN_MINJERK, START_SPEED, Phase, make_pattern
 from .pendulum import Pendulum
 
@@ -52,16 +52,9 @@ def plan_table(plan: FootstepPlan, pendulum: Pendulum) -> np.ndarray:
     shortest = min((step.double_support for step in plan.steps), default=math.inf)
     if not plan.steps or (minjerk and omega * shortest < MIN_MINJERK):
         return make_pattern(plan, pendulum).table.copy()
-    steps = np.array(
-        [
-            (
-                0.0 if step.side is Side.LEFT else 1.0,
-                *(step.x, step.y, step.yaw),
-                *(step.single_support, step.double_support, step.swing_height),
-            )
-            for step in plan.steps
-        ]
-    )
+    numbers = (number for step in plan.steps for number in _numbers_of(step))
+    steps = np.fromiter(numbers, float, STEP_COLUMNS * len(plan.steps))
+    steps = steps.reshape(-1, STEP_COLUMNS)
     stands = np.array([-1.0 if s.stand is None else s.stand for s in plan.steps])
     pauses = int(np.count_nonzero(stands[:-1] >= 0.0))
     table = np.empty((2 * len(steps) + 5 + 4 * pauses, r.PHASE_SIZE))
@@ -71,6 +64,13 @@ def plan_table(plan: FootstepPlan, pendulum: Pendulum) -> np.ndarray:
     times = np.array([plan.stand_time, plan.start_time, plan.stop_time])
     fill_plan(table, steps, stands, feet, times, omega, minjerk, work)
     return table
+
+
+def _numbers_of(step: Footstep) -> tuple[float, ...]:
+    """Return the numbers of a footstep."""
+    foot = 0.0 if step.side is Side.LEFT else 1.0
+    S, D = step.single_support, step.double_support
+    return foot, step.x, step.y, step.yaw, S, D, step.swing_height
 
 
 @kernel

@@ -1,4 +1,5 @@
-# make check: lint and types; make test: all tests; make docs: its pictures and its table.
+# make check: lint and types; make test: all tests; make docs: its pictures and its table;
+# make site: the documentation with its gallery, in site/.
 PYTHON ?= .venv/bin/python
 
 check:
@@ -13,4 +14,7 @@ docs:
 	$(PYTHON) docs/make_images.py
 	$(PYTHON) docs/make_results.py
 
-.PHONY: check test docs
+site:
+	$(PYTHON) docs/make_site.py
+
+.PHONY: check test docs site

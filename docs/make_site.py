@@ -34,6 +34,7 @@ PAGES = {
     "Certificates": "certificates.md",
     "Conventions": "conventions.md",
     "Files": "files.md",
+    "Pages and films": "pages.md",
     "Robots": "robots.md",
 }
 """Titles of pages first in the menu, and their files; others follow by name."""
@@ -159,10 +160,12 @@ def stage_api(root: Path) -> list[str]:
 
 def _math_blocks(text: str) -> str:
     """Return a source whose `.. math::` blocks stand between dollars."""
-    block = r"^([ ]*)\.\. math::[ ]*(.*(?:\n\n?\1[ ]{4,}\S.*)*)"
+    block = r"^([ ]*)\.\. math::[ ]*(.*(?:\n\n?\1[ ]{3,}\S.*)*)"
 
     def dollars(found: re.Match[str]) -> str:
         formula = " ".join(found[2].split())
+        if "&" in formula and r"\begin" not in formula:
+            formula = rf"\begin{{align}}{formula}\end{{align}}"
         return f"\n{found[1]}$${formula}$$\n"
 
     return re.sub(block, dollars, text, flags=re.M)

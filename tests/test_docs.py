@@ -18,6 +18,7 @@ from robots import jvrc_path
 
 import comwalk
 from comwalk.cli import main
+from comwalk.gl import choose_backend
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -209,3 +210,27 @@ def test_logs_in_the_docs_are_told_and_exported(tmp_path, monkeypatch, capsys):
         for topic in re.findall(r"`([^`]+)`", names)
     }
     assert told == topics
+
+
+PAGES = (ROOT / "docs" / "pages.md").read_text(encoding="utf-8")
+
+
+def test_pages_and_films_in_the_docs(tmp_path, monkeypatch):
+    """Every command of the page runs, and its Python writes a page."""
+    monkeypatch.chdir(tmp_path)
+    quick = ["--steps", "1", "--gait.period", "0.6", "--gait.stand-time", "0.05"]
+    quick += ["--gait.start-time", "0.6", "--gait.stop-time", "0.6"]
+    assert main(["walk", *quick, "--out", "runs/walk"]) == 0
+    for name in ("law", "open-loop"):
+        Path("runs", name).symlink_to("walk")
+    monkeypatch.setattr("webbrowser.open", lambda address: True)
+    drawing = choose_backend() in ("egl", "osmesa")
+    small = ["--fps", "2", "--width", "96", "--height", "72"]
+    for line in re.findall(r"^comwalk .*", PAGES, flags=re.M):
+        words = shlex.split(line.partition("#")[0])[1:]
+        words += {"walk": quick, "film": small}.get(words[0], [])
+        film = words[0] == "film" or "--video" in words
+        assert main(words) == (0 if drawing or not film else 2), line
+    (code,) = re.findall(r"```python\n(.*?)```", PAGES, flags=re.DOTALL)
+    exec(compile(code, "pages.md", "exec"), {})
+    assert Path("walk.html").stat().st_size > 500_000

@@ -115,7 +115,7 @@ def identify(
     )
     if not outcome.ok:
         raise RunError(f"the experiment {outcome}; lower its amplitude")
-    return analyse(excitation, record)
+    return _analyse(excitation, record)
 
 
 class _Record:
@@ -155,19 +155,8 @@ class _Record:
             self._progress(len(self.com) / self._total)
 
 
-def analyse(excitation: Excitation, record: _Record) -> Identified:
-    """Return what the record of an experiment tells.
-
-    Args:
-        excitation: What was commanded.
-        record: What was measured.
-
-    Returns:
-        Lag, dead time, compliance and noise.
-
-    Raises:
-        ParameterError: If noise drowns the answers.
-    """
+def _analyse(excitation: Excitation, record: _Record) -> Identified:
+    """Return what the record of an experiment tells."""
     dt = excitation.period
     dead_time = _dead_time(excitation, np.array(record.zmp))
     path, com, zmp = (

@@ -8,10 +8,11 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cache
+from typing import Any
 
 import numpy as np
 from scipy.linalg import get_lapack_funcs
-from scipy.optimize import lsq_linear
 
 from .resolution import (
     CartesianMotion,
@@ -30,6 +31,21 @@ from .resolution import (
 )
 
 _gesv = get_lapack_funcs("gesv", dtype=np.float64)
+
+
+@cache
+def bounded_solver() -> Any:
+    """Return scipy's bounded least squares, imported once.
+
+    That takes tens of milliseconds, so call this before a loop that must keep time: it
+    is needed where a limb is singular or a joint at its limit.
+
+    Returns:
+        `scipy.optimize.lsq_linear`.
+    """
+    from scipy.optimize import lsq_linear
+
+    return lsq_linear
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -180,7 +196,7 @@ class Resolver:
         lam = np.full(k, math.sqrt(lam2) + 1e-6)
         lam[:6] = 0.0  # joint rates are damped, the body's own are not
         rest = lam * self._wished_rates(task, layout, len(v))[free]
-        v[free] = lsq_linear(
+        v[free] = bounded_solver()(
             np.vstack(
                 [np.vstack([S[:, free], np.eye(3, k)]) * W[:, None], np.diag(lam)]
             ),

@@ -16,6 +16,7 @@ from .control import Controller, ControlOutput
 from .errors import ModelError, checked_number
 from .pattern import Phase, Reference
 from .plant import Command, Plant, Sensors
+from .resolver import bounded_solver
 from .sensing import Measurement
 from .whole_body import Body
 
@@ -147,6 +148,7 @@ def walk(
     """
     guard = _Guard(watch or Watch())
     check_joints(body, plant)
+    bounded_solver()  # not to be imported in mid-walk
     reference = pattern.at(0.0)
     controller.reset(reference.com, reference.zmp)
     outcome, reason = None, "an error"

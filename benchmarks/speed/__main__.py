@@ -36,9 +36,10 @@ from tables import document, print_tables, readme, replaced
 
 SECTIONS = ("resolution", "pattern", "start", "growth", "loop", "realtime")
 HOW = {
-    "real-time priority, collector frozen": {},
-    "usual priority, collector frozen": {"priority": False},
-    "usual priority, collector as ever": {"priority": False, "tamed": False},
+    "compiled tick, real-time priority": {},
+    "compiled tick, usual priority": {"priority": False},
+    "the same, collector as ever": {"priority": False, "tamed": False},
+    "readable loop, real-time priority": {"compiled": False},
 }
 """How the loop of `realtime` runs."""
 WORKER = Path(__file__).parent / "worker.py"

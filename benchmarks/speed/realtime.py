@@ -21,9 +21,13 @@ import numpy as np
 import comwalk as cw
 from comwalk.control import WalkingController
 from comwalk.defaults import default_control
-from comwalk.plant import Command, Sensors
+from comwalk.pattern import Pattern
+from comwalk.plant import Command, Plant, Sensors
+from comwalk.resolver import bounded_solver
 from comwalk.simulator import SimulatedRobot
-from comwalk.walk import walk
+from comwalk.tick import CompiledTick
+from comwalk.tick_kernels import DONE
+from comwalk.walk import Outcome, completed, walk
 from comwalk.whole_body import WholeBody
 
 SPIN = 2e-4
@@ -82,6 +86,7 @@ def realtime(
     *,
     seconds: float = 60.0,
     rate: float = 1000.0,
+    compiled: bool = True,
     tamed: bool = True,
     priority: bool = True,
     spin: float = SPIN,
@@ -92,28 +97,26 @@ def realtime(
         name: The robot.
         seconds: About how long [s].
         rate: Ticks per second [1/s].
+        compiled: Whether by the compiled tick or by the readable loop.
         tamed: Whether the garbage collector is frozen and off.
         priority: Whether to ask for real-time priority and locked memory.
         spin: How long before a deadline to stop sleeping [s].
     """
     robot = cw.load_robot(name)
-    control = default_control(robot, period=1.0 / rate)
+    loop = walk_compiled if compiled else walk
+    _, short, *parts = _set_up(robot, 1, rate)
+    loop(short, *parts)  # so that all kernels are loaded
     steps = max(1, round((seconds - 3.0) / cw.default_gait(robot).period))
-    pattern = cw.walk_pattern(robot, steps)
-    body = WholeBody(robot, control.period, settings=control.body)
-    controller = WalkingController(control.gains, control.settings, control.period)
-    settings = cw.SimulatorSettings(timestep=min(0.001, control.period))
-    plant = SimulatedRobot(robot, control.period, settings, plan=pattern.plan)
-    body.start(pattern.at(0.0))
-    plant.place(body.configuration)
-    paced = Paced(plant, math.ceil(pattern.duration * rate) + 1, spin)
+    period, pattern, controller, body, plant = _set_up(robot, steps, rate)
+    paced = Paced(plant, math.ceil(pattern.duration / period) + 1, spin)
     with _tame(tamed), _prioritised(priority) as granted:
-        outcome = walk(pattern, controller, body, paced)
+        outcome = loop(pattern, controller, body, paced)
     done, woken = (1e6 * times for times in paced.measured())
-    late = done - 1e6 * control.period
+    late = done - 1e6 * period
     return {
         "robot": name,
         "rate": rate,
+        "compiled": compiled,
         "tamed": tamed,
         "priority": granted,
         "outcome": str(outcome),
@@ -124,6 +127,42 @@ def realtime(
         **_percentiles("done_us", done),
         **_percentiles("woken_us", woken),
     }
+
+
+def _set_up(
+    robot: cw.Robot, steps: int, rate: float
+) -> tuple[float, Pattern, WalkingController, WholeBody, SimulatedRobot]:
+    """Return the period, and what a loop takes."""
+    control = default_control(robot, period=1.0 / rate)
+    pattern = cw.walk_pattern(robot, steps)
+    body = WholeBody(robot, control.period, settings=control.body)
+    controller = WalkingController(control.gains, control.settings, control.period)
+    settings = cw.SimulatorSettings(timestep=min(0.001, control.period))
+    plant = SimulatedRobot(robot, control.period, settings, plan=pattern.plan)
+    body.start(pattern.at(0.0))
+    plant.place(body.configuration)
+    return control.period, pattern, controller, body, plant
+
+
+def walk_compiled(
+    pattern: Pattern, controller: WalkingController, body: WholeBody, plant: Plant
+) -> Outcome:
+    """Walk by the compiled tick on any plant, as a driver of a robot would."""
+    tick = CompiledTick(pattern, controller, body)
+    bounded_solver()  # a hand-over must not import it in mid-walk
+    tick.look_up(0.0)
+    sensors = plant.start(body.start(pattern.at(0.0)))
+    tick.arrays.q[:] = body.configuration
+    body.configuration = tick.arrays.q
+    for k in range(math.ceil(pattern.duration / plant.period)):
+        tick.feel(sensors)
+        if (status := tick.step(k * plant.period)) != DONE:
+            plant.stop("the walk ended")
+            return tick.outcome(status)
+        plant.write(tick.command())
+        sensors = plant.read()
+    plant.stop("done")
+    return completed(tick.reference(), pattern.duration)
 
 
 def _percentiles(name: str, times: np.ndarray) -> dict[str, float]:

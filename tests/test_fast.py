@@ -53,7 +53,7 @@ def test_resolution_is_the_readable_one(name, ends):
         any_task(fast, rng)
         expected = resolver.resolve(kinematics.posture(q), fast.task).velocity
         v = np.zeros_like(expected)
-        if resolve_at(fast._handle, q, v) == SOLVED:
+        if resolve_at(fast.handle, q, v) == SOLVED:
             compiled += 1
             assert np.abs(v - expected).max() < 1e-10 * max(1.0, np.abs(v).max())
     assert compiled >= 10 or not can_resolve(robot, fast._flat)
@@ -75,7 +75,7 @@ def test_followers_move_with_their_leaders(tmp_path):
         )
         coupling.unfold(expected.velocity)
         v = np.zeros_like(expected.velocity)
-        assert resolve_at(fast._handle, q, v) == SOLVED
+        assert resolve_at(fast.handle, q, v) == SOLVED
         assert v == pytest.approx(expected.velocity, abs=1e-10, rel=1e-10)
 
 
@@ -89,7 +89,7 @@ def test_straight_legs_are_handed_over(bend):
             q[7 + j] = bend
     any_task(fast, rng)
     v = np.zeros(6 + len(robot.joints))
-    assert resolve_at(fast._handle, q, v) == SINGULAR
+    assert resolve_at(fast.handle, q, v) == SINGULAR
     expected = Resolver(robot.limbs).resolve(Kinematics(robot).posture(q), fast.task)
     assert expected.damped
     assert np.array_equal(fast.resolve(q), expected.velocity)
@@ -109,7 +109,7 @@ def test_straight_arms_are_damped_alike(bend):
             Kinematics(robot).posture(q), fast.task
         )
         v = np.zeros_like(expected.velocity)
-        assert resolve_at(fast._handle, q, v) == SOLVED
+        assert resolve_at(fast.handle, q, v) == SOLVED
         assert v == pytest.approx(expected.velocity, abs=1e-10, rel=1e-10)
 
 

@@ -10,6 +10,7 @@ imported where it is used, never at the top of another module.
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
@@ -17,8 +18,29 @@ _Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
 
 try:
     import numba
+    from numba.core import event
 except ImportError:
     numba = None
+else:
+
+    class _Announcer(event.Listener):
+        """Says once that compiling takes a while; loading from disk it keeps quiet."""
+
+        said = False
+
+        def on_start(self, event: Any) -> None:
+            """Say it, if it is one of our kernels that is compiled."""
+            module = event.data["dispatcher"].py_func.__module__
+            if not self.said and module.startswith(f"{__package__}."):
+                self.said = True
+                logging.getLogger(__package__).warning(_COMPILING)
+
+        def on_end(self, event: Any) -> None:
+            """Say nothing."""
+
+    event.register("numba:compile", _Announcer())
+
+_COMPILING = "comwalk: compiling for this machine, once; it takes half a minute"
 
 parallel_range = range if numba is None else numba.prange
 """The range of the outer loop of a batch, whose rounds may run side by side."""

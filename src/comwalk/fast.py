@@ -79,10 +79,13 @@ class FastResolver:
             bits = sum(1 << row for row in given.get(limb.name, ()))
             self._flat.limbs["rows"][i] = bits
         check_task(robot.limbs, self.task)
-        self._handle = handle_of(*self._flat, self._wanted)
+        self.handle = handle_of(*self._flat, self._wanted)
+        """The task and the robot, for kernels."""
         self._v = np.zeros(6 + len(robot.joints))
-        self._solvable = can_resolve(robot, self._flat)
-        self._kinematics = Kinematics(robot)
+        self.solvable = can_resolve(robot, self._flat)
+        """Whether the kernels can do it."""
+        self.kinematics = Kinematics(robot)
+        """The readable kinematics."""
         self._resolver = Resolver(robot.limbs, self._damping)
 
     def resolve(self, q: np.ndarray) -> np.ndarray:
@@ -96,8 +99,8 @@ class FastResolver:
             v = [xdot_o; qdot] [m/s, rad/s], world, of shape (6 + joints,); the same
             array at every call.
         """
-        if not self._solvable or resolve_at(self._handle, q, self._v) != SOLVED:
-            posture = self._kinematics.posture(q)
+        if not self.solvable or resolve_at(self.handle, q, self._v) != SOLVED:
+            posture = self.kinematics.posture(q)
             self._v[:] = self._resolver.resolve(posture, self.task).velocity
         return self._v
 

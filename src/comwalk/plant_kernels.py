@@ -14,9 +14,8 @@ import numpy as np
 from . import rows as r
 from .compiled import kernel
 from .flat import LINK
-from .handles import record_at, records_at
+from .handles import floats_at, record_at, records_at
 from .kernels import Record, place_links
-from .tick_kernels import floats_at
 from .tick_records import ROW, STATE
 
 _I8, _F8 = np.dtype(np.int64), np.dtype(np.float64)
@@ -177,34 +176,34 @@ def _keep_sensors(scene: np.ndarray, taken: np.ndarray, kept: Record) -> None:
 
 
 @kernel
-def _copy(source: np.ndarray, scene: np.ndarray, start: int, column: int) -> None:
-    """Copy numbers into a column of the row that starts at an address."""
-    place = records_at(scene, 17, _I8)[1 + column]
+def _copy(source: np.ndarray, address: int) -> None:
+    """Copy numbers into the column at an address."""
     for k in range(len(source)):
-        record_at(start + place + 8 * k, _F8)[0] = source[k]
+        record_at(address + 8 * k, _F8)[0] = source[k]
 
 
 @kernel
 def _keep(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None:
     """Write the k-th row of the log, before the physics of its period."""
-    start = scene[2 * 16] + k * records_at(scene, 17, _I8)[0]
+    places = records_at(scene, 17, _I8)
+    start = scene[2 * 16] + k * places[0]
     kept, state = record_at(start, ROW)[0], records_at(tick, 5, STATE)[0]
     _keep_state(kept, state, floats_at(tick, 13))
     _keep_truth(scene, kept)
     _keep_sensors(scene, floats_at(tick, 18), kept)
     kept.compute_s = seconds
     qvel, force = floats_at(scene, 1), floats_at(scene, 6)
-    _copy(floats_at(tick, 17)[7:], scene, start, 0)
-    _copy(qvel[6:], scene, start, 1)
-    _copy(floats_at(tick, 16), scene, start, 2)
-    _copy(floats_at(scene, 0), scene, start, 3)
-    _copy(qvel, scene, start, 4)
-    _copy(floats_at(scene, 2), scene, start, 5)
-    actuators, place = records_at(scene, 10, _I8), records_at(scene, 17, _I8)[7]
+    _copy(floats_at(tick, 17)[7:], start + places[1])
+    _copy(qvel[6:], start + places[2])
+    _copy(floats_at(tick, 16), start + places[3])
+    _copy(floats_at(scene, 0), start + places[4])
+    _copy(qvel, start + places[5])
+    _copy(floats_at(scene, 2), start + places[6])
+    actuators = records_at(scene, 10, _I8)
     for j in range(len(actuators)):
-        record_at(start + place + 8 * j, _F8)[0] = force[actuators[j]]
-    _copy(floats_at(scene, 3), scene, start, 7)
-    _copy(floats_at(scene, 7), scene, start, 8)
+        record_at(start + places[7] + 8 * j, _F8)[0] = force[actuators[j]]
+    _copy(floats_at(scene, 3), start + places[8])
+    _copy(floats_at(scene, 7), start + places[9])
 
 
 @kernel

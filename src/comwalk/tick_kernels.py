@@ -23,7 +23,7 @@ from .act_kernels import (
 )
 from .compiled import kernel
 from .flat import Flat
-from .handles import flat_at, records_at, wanted_at
+from .handles import flat_at, floats_at, records_at, wanted_at
 from .kernels import SOLVED, Record, find_levers, place_links, resolve
 from .lookup import fill_reference
 from .measure_kernels import measure
@@ -33,7 +33,7 @@ DONE, HANDED_OVER, ENCODERS, WRENCHES, ORIENTATION, TILTED, ASTRAY, LIFTED = ran
 """What a tick ends with: done; to be resolved by `Resolver`; sensors that read no
 numbers; falls."""
 
-_F8, _I8 = np.dtype(np.float64), np.dtype(np.int64)
+_I8 = np.dtype(np.int64)
 
 
 class Arrays(NamedTuple):
@@ -77,12 +77,6 @@ class Arrays(NamedTuple):
     """The body center at the origin, then what the encoders read [rad]."""
     felt: np.ndarray
     """What both ankle sensors feel (12), and the IMU's quaternion wxyz."""
-
-
-@kernel
-def floats_at(handle: np.ndarray, k: int) -> np.ndarray:
-    """Return the k-th array of a handle, numbers."""
-    return records_at(handle, k, _F8)
 
 
 @kernel

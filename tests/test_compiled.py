@@ -1,0 +1,36 @@
+"""Kernels are compiled once, in folders that can be written, and it is said."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+PROGRAM = """
+import numpy as np
+from comwalk.lookup import minimum_jerk
+print(minimum_jerk(0.5), minimum_jerk.stats.cache_hits)
+"""
+
+
+def run_with(cache: Path) -> subprocess.CompletedProcess:
+    """Run a program that needs one kernel, with a folder for what is compiled."""
+    environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
+    return subprocess.run(
+        [sys.executable, "-c", PROGRAM],
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+
+
+def test_compiling_is_said_once_and_loading_is_quiet(tmp_path):
+    """On standard error, so that what is for programs stays so."""
+    first, second = run_with(tmp_path), run_with(tmp_path)
+    assert first.stdout.startswith("(0.5, 1.875) Counter()")
+    assert first.stderr.count("compiling for this machine, once") == 1
+    assert second.stdout.startswith("(0.5, 1.875)")
+    assert "Counter()" not in second.stdout
+    assert second.stderr == ""

@@ -269,9 +269,9 @@ def test_a_robot_is_described():
 
 
 def test_an_interruption_is_no_result(monkeypatch):
-    def interrupted(plant):
+    def interrupted(plant, command):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(SimulatedRobot, "read", interrupted)
+    monkeypatch.setattr(SimulatedRobot, "start", interrupted)
     with pytest.raises(KeyboardInterrupt):
         perform("paper", SHORT)

@@ -60,7 +60,8 @@ def kernel(function: _Kernel) -> _Kernel:
     """
     if numba is None:
         return function
-    return cast(_Kernel, numba.njit(cache=True, error_model="numpy")(function))
+    compiled = numba.njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)
+    return cast(_Kernel, compiled(function))
 
 
 def batch_kernel(function: _Kernel) -> _Kernel:

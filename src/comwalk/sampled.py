@@ -347,6 +347,12 @@ def spectral_radius(
         >>> round(spectral_radius(Pendulum(), 3.0, 6.6, loop), 1)
         3.2
     """
+    return _radius(pendulum, k_p, k_c, loop)
+
+
+@lru_cache(maxsize=1024)
+def _radius(pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop) -> float:
+    """Return the spectral radius; a certificate asks for the same several times."""
     M = sampled_loop_matrix(pendulum, k_p, k_c, loop)
     return float(np.abs(np.linalg.eigvals(M)).max())
 
@@ -389,10 +395,13 @@ def on_circle(
         loop: The loop.
 
     Returns:
-        Angles of z [rad], from 0.01 rad/s to half the sampling frequency, and C and P
-        of `open_loop` there, each of shape (800,).
+        Angles of z [rad], from 0.01 rad/s to half the sampling frequency, as many as a
+        late loop needs to be followed around, and C and P of `open_loop` there.
     """
-    angles = np.geomspace(0.01 * loop.period, math.pi, 800)
+    count = 16 * (loop.delay + loop.dead_ticks[0] + 2)
+    low = 0.01 * loop.period
+    even = np.linspace(low, math.pi, count, endpoint=False)[1:]
+    angles = np.sort(np.concatenate([np.geomspace(low, math.pi, 800), even]))
     z = np.exp(1j * angles)
     return angles, *open_loop(pendulum, loop, z)
 

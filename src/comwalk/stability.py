@@ -34,7 +34,7 @@ Output: TypeAlias = Literal["com", "zmp"]
 
 def _check_gains(k_p: float, k_c: float, *, stable: bool = False) -> None:
     """Refuse gains for which the second-order error dynamics do not exist."""
-    checked_number("k_p", k_p, unit="1/s", low=0.0, open_low=True)
+    checked_number("k_p", k_p, unit="1/s", low=1e-9)
     checked_number("k_c", k_c, unit="1/s", low=0.0)
     if stable and not is_hurwitz(k_p, k_c):
         raise ParameterError(

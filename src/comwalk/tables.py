@@ -164,7 +164,7 @@ def headlines(summary: Summary) -> list[tuple[str, str]]:
         if pair:
             shown.append((name, f"{pair['x']:.1f} / {pair['y']:.1f} mm"))
     for name, key, unit in _HEADLINES:
-        if summary.get(key) is not None:
+        if summary.get(key):  # a robot without limits of torque uses 0 % of them
             shown.append((name, f"{summary[key]:.0f} {unit}"))
     return shown
 

@@ -165,7 +165,7 @@ def _math_blocks(text: str) -> str:
     def dollars(found: re.Match[str]) -> str:
         formula = " ".join(found[2].split())
         if "&" in formula and r"\begin" not in formula:
-            formula = rf"\begin{{align}}{formula}\end{{align}}"
+            formula = rf"\begin{{align*}}{formula}\end{{align*}}"
         return f"\n{found[1]}$${formula}$$\n"
 
     return re.sub(block, dollars, text, flags=re.M)

@@ -101,7 +101,7 @@ class LivePage:
             "Pause": lambda: live.pause(not live.paused),
             "Step": live.advance,
             "Restart": self._restart,
-            "Finish": live.quit,
+            "End": live.quit,
         }
         hint = "Pause or go on; step 0.02 s in a pause; walk again; end and save."
         buttons = gui.add_button_group("walk", tuple(does), hint=hint)

@@ -7,7 +7,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
-from .errors import ViewError
+from .errors import ViewError, checked_number
 
 if TYPE_CHECKING:
     import viser
@@ -75,15 +75,17 @@ def check_free(host: str, port: int) -> None:
         port: Port; 0 for any that is free.
 
     Raises:
+        ParameterError: If the port is no port's number.
         ViewError: If it is in use, or the address is not this machine's.
     """
+    checked_number("port", port, low=0, high=65535)
     try:
         kind = socket.getaddrinfo(host, port, type=socket.SOCK_STREAM)[0]
         with socket.socket(kind[0], kind[1]) as probe:
             probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             probe.bind(kind[4])
-    except (OSError, OverflowError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
+    except OSError as error:
+        reason = error.strerror or error
         raise ViewError(
             f"cannot serve a page at {host}:{port}: {reason}; choose another --port, "
             "or 0 for any that is free"

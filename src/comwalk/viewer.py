@@ -25,7 +25,6 @@ FRAMES = 30.0
 
 _PLOTS = 6.0  # times per second that plots are drawn [1/s]
 _SPAN = 6.0  # time that plots show [s]
-_GRID = 0.05  # the limits of plots are multiples of this [m]
 _SAMPLES = 40.0  # points of a plot per second [1/s]
 _NAMES = ("CoM", "CoM reference", "ZMP", "ZMP reference")
 
@@ -109,14 +108,6 @@ class Plots:
         self._next = clock + 1.0 / _PLOTS
         for k, chart in enumerate(self._charts):
             rows = np.round(values[:, :, k].T, 5)
-            low, high = np.nanmin(rows), np.nanmax(rows)
-            low, high = _GRID * math.floor(low / _GRID), _GRID * math.ceil(high / _GRID)
-            spans: dict[str, Any] = {
-                "x": {"time": False},
-                "y": {"range": (low, high + 1e-9)},
-            }
-            if chart.scales != spans:
-                chart.scales = spans
             chart.data = (t.copy(), *(np.ascontiguousarray(row) for row in rows))
 
 

@@ -12,6 +12,7 @@ test:
 
 docs:
 	$(PYTHON) docs/make_images.py
+	$(PYTHON) docs/make_view_image.py
 	$(PYTHON) docs/make_results.py
 
 site:

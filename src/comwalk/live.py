@@ -21,11 +21,11 @@ from .config import Setup
 from .control import Gains, WalkingController
 from .errors import ParameterError
 from .feasibility import check_feasible
-from .pattern import Pattern, Phase, Reference
+from .pattern import Pattern, Reference
 from .recording import Moment
 from .robot import Robot
 from .run import Prepared, Run, prepare
-from .walk import End, Outcome, Tick, walk
+from .walk import End, Outcome, Tick, completed, walk
 
 PUSH_TIME = 0.1
 """How long a push lasts [s]."""
@@ -243,7 +243,7 @@ class LiveWalk:
         if (now := time.perf_counter()) >= self._next_look:
             self._next_look = now + 1.0 / _LOOKS
             done = reference.time >= duration
-            self._show(tick, _completed(reference, duration) if done else None)
+            self._show(tick, completed(reference, duration) if done else None)
         self._obey()
         while self.paused:
             if self._steps_left:
@@ -351,11 +351,6 @@ class _Lasting:
     def at(self, time: float) -> Reference:
         """Return the reference at a time [s]."""
         return self._pattern.at(time)
-
-
-def _completed(reference: Reference, duration: float) -> Outcome:
-    """Return the outcome of a plan that was walked to its end."""
-    return Outcome(End.COMPLETED, duration, Phase.STAND, reference.step, "")
 
 
 def _checked(setup: Setup) -> Setup:

@@ -75,8 +75,8 @@ def main() -> None:
         tabs = 2 if stalled else int(word)
         factor, late, busy = measure(given.robot, tabs, stalled)
         print(
-            f"{word:>8} tabs: {factor:.3f} of real time, {100 * late:.2f} % of the ticks "
-            f"late by a period or more, {100 * busy:.0f} % of one processor"
+            f"{word:>8} tabs: {factor:.3f} of real time, {100 * late:.2f} % of the "
+            f"ticks a period late or more, {100 * busy:.0f} % of one processor"
         )
 
 

@@ -1,4 +1,4 @@
-"""Write the table of designed gains in docs/certificates.md: python docs/make_design.py.
+"""Write the table of designed gains in certificates.md: `python docs/make_design.py`.
 
 Each robot walks, is pushed and is loaded with designed gains and with the paper's, made
 to fit its natural frequency; nothing else differs.

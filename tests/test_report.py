@@ -304,6 +304,9 @@ READY = """[...document.querySelectorAll("iframe")].every(frame => frame.content
     && frame.contentDocument.querySelector("[role=slider]"))"""
 TIME = """k => Number(document.querySelectorAll("iframe")[k].contentDocument
     .querySelector("[role=slider]").getAttribute("aria-valuenow"))"""
+BAR = """k => { const page = document.querySelectorAll("iframe")[k].contentDocument;
+    return getComputedStyle(page.querySelector(".mantine-Slider-root").parentElement)
+      .display; }"""
 FIGURES = "() => Number(document.documentElement.dataset.time)"
 CLICK = """share => { const plot = document.querySelector(".cw-plot");
     const box = plot.getBoundingClientRect();
@@ -356,6 +359,7 @@ def test_two_runs_play_together(opened, folder, tmp_path):
     goal = 0.4 * end_of(folder)
     for k in range(2):
         page.wait_for_function(f"Math.abs(({TIME})({k}) - {goal}) < 0.03")
+    assert [page.evaluate(BAR, k) for k in range(2)] == ["flex", "none"]
     text = page.inner_text("body")
     assert "control.gains.zmp" in text
     assert "B: open" in text

@@ -7,17 +7,22 @@
 
   // ---- Scenes: viser's page in a frame, its play bar read and moved from here ------
 
-  // The play bar of a second scene would contradict the first one's.
-  const BARS = "";
+  // A second play bar would contradict the first, which leads.
+  const NO_BAR = "<style>.mantine-Paper-root:has(.mantine-Slider-root){display:none!important}<" + "/style>";
 
   class Scene {
-    constructor(frame, data) { this.frame = frame; this.data = data; this.load(0); }
+    constructor(frame, data, leads) {
+      this.frame = frame;
+      this.data = data;
+      this.leads = leads;
+      this.load(0);
+    }
     load(time) {
       const isDark = root.classList.contains("cw-dark");
       this.wish = time;
       const given = "<script>window.__VISER_EMBED_DATA__=" + JSON.stringify(this.data) +
         `;window.__VISER_EMBED_CONFIG__={darkMode:${isDark}};` + "<" + "/script>";
-      this.frame.srcdoc = stored.player.replace("</head>", () => given + BARS + "</head>");
+      this.frame.srcdoc = stored.player.replace("</head>", () => given + (this.leads ? "" : NO_BAR) + "</head>");
     }
     find(query) { const page = this.frame.contentDocument; return page && page.querySelector(query); }
     get time() {
@@ -38,7 +43,7 @@
     }
   }
   const scenes = [...document.querySelectorAll("iframe[data-scene]")].map(
-    (frame) => new Scene(frame, stored.films[Number(frame.dataset.scene)]));
+    (frame, k) => new Scene(frame, stored.films[Number(frame.dataset.scene)], k === 0));
 
   // ---- Figures: a cursor in each, and the values there -----------------------------
 

@@ -178,6 +178,24 @@ def test_a_fallen_robot_lies_until_it_walks_again(driven):
     driven(live, script)
 
 
+def test_an_end_before_the_first_tick_is_an_interruption():
+    """There is nothing to save."""
+    live = LiveWalk(short_walk())
+
+    original = live.setup.pattern.at
+    calls = []
+
+    def at(time):
+        calls.append(time)
+        if len(calls) > 1:
+            raise KeyboardInterrupt
+        return original(time)
+
+    object.__setattr__(live.setup.pattern, "at", at)
+    with pytest.raises(KeyboardInterrupt):
+        live.run()
+
+
 def test_a_live_walk_needs_a_robot():
     """The simplified model has none."""
     with pytest.raises(ParameterError, match="needs a robot"):

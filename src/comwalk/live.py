@@ -104,8 +104,10 @@ class LiveWalk:
             ParameterError: If it is the simplified model, or the gains are unstable.
             PlanError: If the robot is not able to walk the plan.
         """
-        self.setup, self.robot = _checked(setup), _robot_of(setup)
-        """What walks, or will walk after a restart; and the robot."""
+        self.robot = _robot_of(setup)
+        """The robot."""
+        self.setup = _checked(setup)
+        """What walks, or will walk after a restart."""
         self.latest: LiveView | None = None
         """What there is to see; the loop replaces it."""
         self.paused = False
@@ -193,6 +195,9 @@ class LiveWalk:
 
         Returns:
             The last walk.
+
+        Raises:
+            KeyboardInterrupt: If it is interrupted before its first tick.
         """
         with _lively_threads():
             while True:
@@ -216,6 +221,8 @@ class LiveWalk:
         outcome = walk(
             pattern, self._controller, parts.body, parts.plant, on_tick=self._on_tick
         )
+        if not len(parts.log):
+            raise KeyboardInterrupt  # before its first tick
         end = setup.pattern.duration
         if outcome.end is End.ABORTED and outcome.time >= end:
             outcome = dataclasses.replace(

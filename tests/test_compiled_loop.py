@@ -6,14 +6,17 @@ import numpy as np
 import pytest
 from robots import paper
 
+from comwalk import plant_kernels, tick_kernels
 from comwalk.compiled_loop import row_type
 from comwalk.footsteps import Gait, plan_steps
 from comwalk.log import Log
 from comwalk.pattern import make_pattern
 from comwalk.pendulum import PAPER_PENDULUM
+from comwalk.plant_kernels import SceneArrays
 from comwalk.run import Run, simulate
 from comwalk.settings import BodySettings, Control, Push, SimulatorSettings
 from comwalk.simulator import SimulatedRobot
+from comwalk.tick_kernels import Arrays
 from comwalk.walk import End, Watch
 
 SHORT = make_pattern(plan_steps(Gait(half_step=0.05), 1), PAPER_PENDULUM)
@@ -137,3 +140,13 @@ def test_a_taken_log_has_as_many_rows_as_it_is_told():
     assert len(log) == 2
     assert log["t"].tolist() == [0.0, 1.0]
     assert "act" not in log
+
+
+def test_places_in_handles_are_those_of_the_arrays():
+    """The numbers that kernels know arrays by."""
+    for arrays, prefix, module in (
+        (Arrays, "AT_", tick_kernels),
+        (SceneArrays, "IN_", plant_kernels),
+    ):
+        places = [getattr(module, prefix + name.upper()) for name in arrays._fields]
+        assert places == list(range(len(arrays._fields)))

@@ -116,18 +116,14 @@ class CompiledLoop:
         """Go through all periods; return why the walk ends before, if it does."""
         plant, tick, now = self._plant, self._tick, time.perf_counter
         model, data, steps = plant.model, plant.data, range(plant.substeps)
-        there, here, pushes = (
-            handle_of(*scene),
-            tick.handle,
-            plant.pushable,
-        )
+        there, here = handle_of(*scene), tick.handle
         for k in range(ticks):
             begin = now()
             status = tick.step(k * plant.period)
             seconds = now() - begin
             if status != DONE:
                 return tick.outcome(status)
-            if pushes:
+            if plant.pushable:
                 plant.begin(k)
             command(there, here, k, seconds)
             if self._body.resolution is not None:

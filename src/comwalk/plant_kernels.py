@@ -16,6 +16,7 @@ from .compiled import kernel
 from .flat import LINK
 from .handles import floats_at, record_at, records_at
 from .kernels import Record, place_links
+from .tick_kernels import AT_FELT, AT_OUT, AT_ROW, AT_SENSED, AT_STATE
 from .tick_records import ROW, STATE
 
 _I8, _F8 = np.dtype(np.int64), np.dtype(np.float64)
@@ -62,6 +63,14 @@ class SceneArrays(NamedTuple):
     """Length of a row, then where its arrays begin in it, in the order of `PLACES`."""
 
 
+# Places of `SceneArrays` in their handle.
+IN_QPOS, IN_QVEL, IN_CTRL = range(3)
+IN_ACT, IN_SENSORDATA, IN_CFRC_EXT = range(3, 6)
+IN_ACTUATOR_FORCE, IN_XFRC_APPLIED, IN_COM = range(6, 9)
+IN_LINKS, IN_ACTUATORS, IN_ANKLES = range(9, 12)
+IN_IMU, IN_FEET, IN_FELT = range(12, 15)
+IN_GROUND, IN_TABLE, IN_PLACES = range(15, 18)
+
 PLACES = (
     *("joints", "joint_rates", "joint_set_points", "qpos", "qvel", "ctrl"),
     *("torques_true", "act", "xfrc_applied"),
@@ -78,20 +87,20 @@ def feel_step(scene: np.ndarray, step: int) -> None:
         step: Number of the step, from 0.
     """
     felt, ground, force = (
-        floats_at(scene, 14),
-        floats_at(scene, 15),
-        floats_at(scene, 5),
+        floats_at(scene, IN_FELT),
+        floats_at(scene, IN_GROUND),
+        floats_at(scene, IN_CFRC_EXT),
     )
     readings, ankles, feet = (
-        floats_at(scene, 4),
-        records_at(scene, 11, _I8),
-        records_at(scene, 13, _I8),
+        floats_at(scene, IN_SENSORDATA),
+        records_at(scene, IN_ANKLES, _I8),
+        records_at(scene, IN_FEET, _I8),
     )
     for k in range(12):
         if step == 0:
             felt[k] = ground[k] = 0.0
         felt[k] += readings[ankles[k]]
-    com = floats_at(scene, 8)
+    com = floats_at(scene, IN_COM)
     x, y, z = com[0], com[1], com[2]
     for k in range(2):
         own, total = force[6 * feet[k] : 6 * feet[k] + 6], ground[6 * k : 6 * k + 6]
@@ -105,13 +114,13 @@ def feel_step(scene: np.ndarray, step: int) -> None:
 @kernel
 def sense(scene: np.ndarray, tick: np.ndarray, steps: int) -> None:
     """Average over the period, and give the sensors' readings to the tick."""
-    felt, ground = floats_at(scene, 14), floats_at(scene, 15)
+    felt, ground = floats_at(scene, IN_FELT), floats_at(scene, IN_GROUND)
     qpos, readings, imu = (
-        floats_at(scene, 0),
-        floats_at(scene, 4),
-        records_at(scene, 12, _I8),
+        floats_at(scene, IN_QPOS),
+        floats_at(scene, IN_SENSORDATA),
+        records_at(scene, IN_IMU, _I8),
     )
-    sensed, taken = floats_at(tick, 17), floats_at(tick, 18)
+    sensed, taken = floats_at(tick, AT_SENSED), floats_at(tick, AT_FELT)
     for k in range(12):
         felt[k], ground[k] = felt[k] / steps, ground[k] / steps
         taken[k] = -felt[k]  # MuJoCo gives what the shank exerts on the foot
@@ -143,11 +152,11 @@ def _keep_state(kept: Record, state: Record, row: np.ndarray) -> None:
 def _keep_truth(scene: np.ndarray, kept: Record) -> None:
     """Write what only the simulator knows into a row; `SimulatedRobot.truth`."""
     felt, ground, links = (
-        floats_at(scene, 14),
-        floats_at(scene, 15),
-        records_at(scene, 9, LINK),
+        floats_at(scene, IN_FELT),
+        floats_at(scene, IN_GROUND),
+        records_at(scene, IN_LINKS, LINK),
     )
-    place_links(links, floats_at(scene, 0))
+    place_links(links, floats_at(scene, IN_QPOS))
     for i in range(3):
         kept.com_true[i] = 0.0
     for k in range(len(links)):
@@ -166,7 +175,7 @@ def _keep_truth(scene: np.ndarray, kept: Record) -> None:
 @kernel
 def _keep_sensors(scene: np.ndarray, taken: np.ndarray, kept: Record) -> None:
     """Write what the sensors read into a row."""
-    readings, imu = floats_at(scene, 4), records_at(scene, 12, _I8)
+    readings, imu = floats_at(scene, IN_SENSORDATA), records_at(scene, IN_IMU, _I8)
     for k in range(12):
         kept.wrenches[k // 6, k % 6] = taken[k]
     for k in range(4):
@@ -185,25 +194,25 @@ def _copy(source: np.ndarray, address: int) -> None:
 @kernel
 def _keep(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None:
     """Write the k-th row of the log, before the physics of its period."""
-    places = records_at(scene, 17, _I8)
-    start = scene[2 * 16] + k * places[0]
-    kept, state = record_at(start, ROW)[0], records_at(tick, 5, STATE)[0]
-    _keep_state(kept, state, floats_at(tick, 13))
+    places = records_at(scene, IN_PLACES, _I8)
+    start = scene[2 * IN_TABLE] + k * places[0]
+    kept, state = record_at(start, ROW)[0], records_at(tick, AT_STATE, STATE)[0]
+    _keep_state(kept, state, floats_at(tick, AT_ROW))
     _keep_truth(scene, kept)
-    _keep_sensors(scene, floats_at(tick, 18), kept)
+    _keep_sensors(scene, floats_at(tick, AT_FELT), kept)
     kept.compute_s = seconds
-    qvel, force = floats_at(scene, 1), floats_at(scene, 6)
-    _copy(floats_at(tick, 17)[7:], start + places[1])
+    qvel, force = floats_at(scene, IN_QVEL), floats_at(scene, IN_ACTUATOR_FORCE)
+    _copy(floats_at(tick, AT_SENSED)[7:], start + places[1])
     _copy(qvel[6:], start + places[2])
-    _copy(floats_at(tick, 16), start + places[3])
-    _copy(floats_at(scene, 0), start + places[4])
+    _copy(floats_at(tick, AT_OUT), start + places[3])
+    _copy(floats_at(scene, IN_QPOS), start + places[4])
     _copy(qvel, start + places[5])
-    _copy(floats_at(scene, 2), start + places[6])
-    actuators = records_at(scene, 10, _I8)
+    _copy(floats_at(scene, IN_CTRL), start + places[6])
+    actuators = records_at(scene, IN_ACTUATORS, _I8)
     for j in range(len(actuators)):
         record_at(start + places[7] + 8 * j, _F8)[0] = force[actuators[j]]
-    _copy(floats_at(scene, 3), start + places[8])
-    _copy(floats_at(scene, 7), start + places[9])
+    _copy(floats_at(scene, IN_ACT), start + places[8])
+    _copy(floats_at(scene, IN_XFRC_APPLIED), start + places[9])
 
 
 @kernel
@@ -216,8 +225,8 @@ def command(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None
         k: Which row.
         seconds: How long the tick took [s].
     """
-    ctrl, actuators = floats_at(scene, 2), records_at(scene, 10, _I8)
-    out = floats_at(tick, 16)
+    ctrl, actuators = floats_at(scene, IN_CTRL), records_at(scene, IN_ACTUATORS, _I8)
+    out = floats_at(tick, AT_OUT)
     for j in range(len(out)):
         ctrl[actuators[j]] = out[j]
     _keep(scene, tick, k, seconds)

@@ -79,6 +79,13 @@ class Arrays(NamedTuple):
     """What both ankle sensors feel (12), and the IMU's quaternion wxyz."""
 
 
+# Places of `Arrays` in their handle.
+AT_LINKS, AT_LIMBS, AT_SITES, AT_WANTED, AT_RULES = range(5)
+AT_STATE, AT_JOINTS, AT_DANCE, AT_MOVED, AT_KNOTS = range(5, 10)
+AT_CUBICS, AT_PAST, AT_TABLE, AT_ROW, AT_Q = range(10, 15)
+AT_V, AT_OUT, AT_SENSED, AT_FELT = range(15, 19)
+
+
 @kernel
 def _guard_sensors(sensed: np.ndarray, felt: np.ndarray) -> int:
     """Return what is wrong with the sensors; `walk._Guard.check_sensors`."""
@@ -120,9 +127,9 @@ def _guard(rules: Record, state: Record, row: np.ndarray) -> int:
 def _sense(flat: Flat, handle: np.ndarray, rules: Record, state: Record) -> int:
     """Measure, and watch over what is measured."""
     row, sensed, felt = (
-        floats_at(handle, 13),
-        floats_at(handle, 17),
-        floats_at(handle, 18),
+        floats_at(handle, AT_ROW),
+        floats_at(handle, AT_SENSED),
+        floats_at(handle, AT_FELT),
     )
     fault = _guard_sensors(sensed, felt)
     if fault != DONE:
@@ -134,22 +141,25 @@ def _sense(flat: Flat, handle: np.ndarray, rules: Record, state: Record) -> int:
 @kernel
 def look_up(handle: np.ndarray, time: float) -> None:
     """Write the reference at a time into the row."""
-    rules, table = records_at(handle, 4, RULES)[0], floats_at(handle, 12)
+    rules, table = records_at(handle, AT_RULES, RULES)[0], floats_at(handle, AT_TABLE)
     phases = table.reshape((len(table) // r.PHASE_SIZE, r.PHASE_SIZE))
-    fill_reference(phases, rules.omega, rules.height, time, floats_at(handle, 13))
+    fill_reference(phases, rules.omega, rules.height, time, floats_at(handle, AT_ROW))
 
 
 @kernel
 def _place_commanded(flat: Flat, handle: np.ndarray, rules: Record) -> None:
     """Place the robot as commanded, and find where its motion is."""
-    row, joints = floats_at(handle, 13), records_at(handle, 6, JOINT)
-    place_links(flat.links, floats_at(handle, 14))
+    row, joints = floats_at(handle, AT_ROW), records_at(handle, AT_JOINTS, JOINT)
+    place_links(flat.links, floats_at(handle, AT_Q))
     find_levers(flat)
     if rules.compensate:
         plan_torques(flat, rules, row, joints)
-    dance, moved = records_at(handle, 7, DANCE)[0], records_at(handle, 8, _I8)
+    dance, moved = (
+        records_at(handle, AT_DANCE, DANCE)[0],
+        records_at(handle, AT_MOVED, _I8),
+    )
     if len(moved):
-        knots, cubics = floats_at(handle, 9), floats_at(handle, 10)
+        knots, cubics = floats_at(handle, AT_KNOTS), floats_at(handle, AT_CUBICS)
         dance_at(dance, moved, knots, cubics, joints, row[r.TIME])
 
 
@@ -160,10 +170,20 @@ def act(handle: np.ndarray) -> int:
     Returns:
         DONE, or HANDED_OVER where `Resolver` has to find it.
     """
-    flat, wanted, v = flat_at(handle), wanted_at(handle)[0], floats_at(handle, 15)
-    rules, state = records_at(handle, 4, RULES)[0], records_at(handle, 5, STATE)[0]
-    joints, moved = records_at(handle, 6, JOINT), records_at(handle, 8, _I8)
-    past, row, q = floats_at(handle, 11), floats_at(handle, 13), floats_at(handle, 14)
+    flat, wanted, v = flat_at(handle), wanted_at(handle)[0], floats_at(handle, AT_V)
+    rules, state = (
+        records_at(handle, AT_RULES, RULES)[0],
+        records_at(handle, AT_STATE, STATE)[0],
+    )
+    joints, moved = (
+        records_at(handle, AT_JOINTS, JOINT),
+        records_at(handle, AT_MOVED, _I8),
+    )
+    past, row, q = (
+        floats_at(handle, AT_PAST),
+        floats_at(handle, AT_ROW),
+        floats_at(handle, AT_Q),
+    )
     control(rules, state, past.reshape((len(past) // 4, 4)), row)
     _place_commanded(flat, handle, rules)
     want(flat, rules, state, wanted, joints, moved, q, row)
@@ -175,11 +195,17 @@ def act(handle: np.ndarray) -> int:
 @kernel
 def finish(handle: np.ndarray) -> None:
     """Move the commanded configuration by its velocity, and write the set-points."""
-    flat, q, v = flat_at(handle), floats_at(handle, 14), floats_at(handle, 15)
-    rules, state = records_at(handle, 4, RULES)[0], records_at(handle, 5, STATE)[0]
-    joints, moved = records_at(handle, 6, JOINT), records_at(handle, 8, _I8)
+    flat, q, v = flat_at(handle), floats_at(handle, AT_Q), floats_at(handle, AT_V)
+    rules, state = (
+        records_at(handle, AT_RULES, RULES)[0],
+        records_at(handle, AT_STATE, STATE)[0],
+    )
+    joints, moved = (
+        records_at(handle, AT_JOINTS, JOINT),
+        records_at(handle, AT_MOVED, _I8),
+    )
     integrate(flat, q, v, rules.period)
-    set_points(rules, state, joints, moved, q, v, floats_at(handle, 16))
+    set_points(rules, state, joints, moved, q, v, floats_at(handle, AT_OUT))
 
 
 @kernel
@@ -195,7 +221,10 @@ def tick(handle: np.ndarray, time: float) -> int:
         `finish`; or why the walk has to end.
     """
     look_up(handle, time)
-    rules, state = records_at(handle, 4, RULES)[0], records_at(handle, 5, STATE)[0]
+    rules, state = (
+        records_at(handle, AT_RULES, RULES)[0],
+        records_at(handle, AT_STATE, STATE)[0],
+    )
     status = _sense(flat_at(handle), handle, rules, state)
     if status == DONE:
         status = act(handle)

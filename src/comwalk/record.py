@@ -111,7 +111,8 @@ def read_columns(folder: str | Path) -> dict[str, np.ndarray]:
     if not path.is_file():
         raise RunError(f"{folder} is not a run: it has no run.npz")
     try:
-        with np.load(path, allow_pickle=False) as file:
+        # A broken archive would leave open a file that numpy opened.
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
             return dict(file)
     except (OSError, ValueError, EOFError, BadZipFile):
         raise RunError(f"{path} is broken: it is no archive of numbers") from None

@@ -16,7 +16,6 @@ from comwalk.config import (
     Given,
     PatternConfig,
     WalkConfig,
-    _builtin,
     build_dance,
     build_walk,
     command_line,
@@ -25,6 +24,7 @@ from comwalk.config import (
     make_config,
     parse_push,
     read_table,
+    robot_dance,
     table_of,
 )
 from comwalk.control import Gains
@@ -376,7 +376,7 @@ def test_a_dance_uses_the_joints_of_the_roles(monkeypatch):
         def __getattr__(self, name):
             return getattr(paper(), name)
 
-    motion = _builtin(Other(), "paper", {"amplitude": 0.5})
+    motion = robot_dance(Other(), "paper", {"amplitude": 0.5})
     assert motion.joints == ("r_wrist_roll",)
     j = paper().joints.index("r_wrist_roll")
     assert np.ptp(motion.positions) == pytest.approx(0.5)

@@ -12,6 +12,7 @@ import pytest
 from comwalk import cli, commands
 from comwalk.cli import main
 from comwalk.errors import ModelError
+from comwalk.log import Log
 from comwalk.simulator import SimulatedRobot
 
 SHORT = [
@@ -436,14 +437,14 @@ def test_a_fall_is_reported_and_saved(here, capsys):
 
 
 def test_an_interrupted_walk_is_saved(here, capsys, monkeypatch):
-    read = SimulatedRobot.read
+    grow = Log.grow
 
-    def interrupted(self):
-        if self._tick == 100:
+    def interrupted(self, rows):
+        grow(self, rows)
+        if rows == 101:
             raise KeyboardInterrupt
-        return read(self)
 
-    monkeypatch.setattr(SimulatedRobot, "read", interrupted)
+    monkeypatch.setattr(Log, "grow", interrupted)
     assert main(["walk", *SHORT, "--out", "stopped"]) == 1
     out, err = capsys.readouterr()
     assert "aborted" in out

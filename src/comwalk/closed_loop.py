@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from .control import WalkingController
 from .log import Log
@@ -21,7 +22,7 @@ from .walk import (
 from .whole_body import Body, WholeBody
 
 
-def walk_and_log(
+def loop_of(
     pattern: Walkable,
     controller: WalkingController,
     body: Body,
@@ -31,8 +32,8 @@ def walk_and_log(
     watch: Watch | None = None,
     progress: Progress | None = None,
     readable: bool = False,
-) -> Outcome:
-    """Walk a pattern on a plant, Fig. 4, and keep a log of it.
+) -> Callable[[], Outcome]:
+    """Return what walks a pattern on a plant, Fig. 4, and keeps a log of it.
 
     Robots in MuJoCo are walked by `compiled_loop`, which is tested equal to `walk.walk`
     and many times faster, if numba is installed, the robot's limbs are usual ones, and
@@ -49,7 +50,8 @@ def walk_and_log(
         readable: Whether to walk by `walk.walk` in any case.
 
     Returns:
-        The outcome.
+        To be called once; it returns the outcome. All that takes time before the
+        first period is done already.
     """
     watch = watch or Watch()
     if (
@@ -66,9 +68,10 @@ def walk_and_log(
 
             loop = CompiledLoop(pattern, controller, body, plant, watch)
             if loop.solvable:
-                return loop.run(log, progress)
+                loop.load(log)
+                return partial(loop.run, log, progress)
     on_tick = _recorder(log, progress)
-    return walk(pattern, controller, body, plant, on_tick=on_tick, watch=watch)
+    return partial(walk, pattern, controller, body, plant, on_tick=on_tick, watch=watch)
 
 
 def _recorder(log: Log, progress: Progress | None) -> Callable[[Tick], None]:

@@ -64,6 +64,17 @@ def kernel(function: _Kernel) -> _Kernel:
     return cast(_Kernel, compiled(function))
 
 
+def load(compiled: Any, *arguments: Any) -> None:
+    """Load a kernel from disk, or compile it, without calling it.
+
+    Args:
+        compiled: The kernel.
+        arguments: What it is going to be called with.
+    """
+    if numba is not None:
+        compiled.compile(tuple(numba.typeof(argument) for argument in arguments))
+
+
 def batch_kernel(function: _Kernel) -> _Kernel:
     """Return a function compiled like a kernel, whose outer loop uses all cores.
 

@@ -15,6 +15,7 @@ import time
 import mujoco
 import numpy as np
 
+from .compiled import load
 from .control import WalkingController
 from .flat import links_in
 from .handles import handle_of
@@ -29,7 +30,7 @@ from .plant_kernels import (
 )
 from .simulator import SimulatedRobot
 from .tick import CompiledTick
-from .tick_kernels import DONE
+from .tick_kernels import DONE, finish, look_up, tick
 from .tick_records import ROW
 from .walk import (
     PROGRESS_ROWS,
@@ -68,11 +69,30 @@ class CompiledLoop:
         self.solvable = self._tick.solvable
         """Whether the kernels can do it for this robot."""
 
-    def run(self, log: Log, progress: Progress | None) -> Outcome:
-        """Walk.
+    def load(self, log: Log) -> None:
+        """Prepare the log, and load the kernels, or compile them.
 
         Args:
             log: Where the rows go.
+        """
+        ticks = math.ceil(self._pattern.duration / self._plant.period)
+        self._scene = scene_arrays(self._plant, log.take(row_type(self._plant), ticks))
+        there, here = handle_of(*self._scene), self._tick.handle
+        for function, arguments in (
+            (look_up, (here, 0.0)),
+            (tick, (here, 0.0)),
+            (finish, (here,)),
+            (command, (there, here, 0, 0.0)),
+            (feel_step, (there, 0)),
+            (sense, (there, here, 1)),
+        ):
+            load(function, *arguments)
+
+    def run(self, log: Log, progress: Progress | None) -> Outcome:
+        """Walk, after `load`.
+
+        Args:
+            log: Where the rows go, the one that was prepared.
             progress: Called now and then with the simulated time [s].
 
         Returns:
@@ -80,13 +100,10 @@ class CompiledLoop:
         """
         pattern, plant = self._pattern, self._plant
         check_joints(self._body, plant)
-        ticks = math.ceil(pattern.duration / plant.period)
-        table = log.take(row_type(plant), ticks)
-        scene = scene_arrays(plant, table)
         outcome, reason = None, "an error"
         try:
             self._start()
-            outcome = self._walk(log, scene, ticks, progress)
+            outcome = self._walk(log, progress)
             reason = "done" if outcome is None else outcome.cause
         except KeyboardInterrupt:
             outcome = interrupted(self._tick.reference())
@@ -106,23 +123,17 @@ class CompiledLoop:
         self._body.configuration = self._tick.arrays.q
         plant.data.sensordata[:] = plant.probe.sensordata
 
-    def _walk(
-        self,
-        log: Log,
-        scene: SceneArrays,
-        ticks: int,
-        progress: Progress | None,
-    ) -> Outcome | None:
+    def _walk(self, log: Log, progress: Progress | None) -> Outcome | None:
         """Go through all periods; return why the walk ends before, if it does."""
-        plant, tick, now = self._plant, self._tick, time.perf_counter
+        plant, own, now = self._plant, self._tick, time.perf_counter
         model, data, steps = plant.model, plant.data, range(plant.substeps)
-        there, here = handle_of(*scene), tick.handle
-        for k in range(ticks):
+        there, here = handle_of(*self._scene), own.handle
+        for k in range(len(log.table)):
             begin = now()
-            status = tick.step(k * plant.period)
+            status = own.step(k * plant.period)
             seconds = now() - begin
             if status != DONE:
-                return tick.outcome(status)
+                return own.outcome(status)
             if plant.pushable:
                 plant.begin(k)
             command(there, here, k, seconds)

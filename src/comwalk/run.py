@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from .closed_loop import walk_and_log
+from .closed_loop import loop_of
 from .control import ControlSettings, WalkingController
 from .defaults import default_control
 from .errors import ParameterError, PlanError, RunError
@@ -392,18 +392,19 @@ def _walked(
 ) -> Run:
     """Walk, and return the run with what it was made with."""
     controller = WalkingController(control.gains, control.settings, control.period)
+    go = loop_of(
+        pattern,
+        controller,
+        body,
+        plant,
+        recorder.log,
+        watch=watch,
+        progress=progress,
+        readable=readable,
+    )
     begin = time.perf_counter()
     with recorder:
-        outcome = walk_and_log(
-            pattern,
-            controller,
-            body,
-            plant,
-            recorder.log,
-            watch=watch,
-            progress=progress,
-            readable=readable,
-        )
+        outcome = go()
         recorder.outcome = str(outcome)
     return Run(
         outcome=outcome,

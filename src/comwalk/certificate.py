@@ -168,6 +168,9 @@ class Certificate:
     """Bound on the rate of eps [m/s^2]."""
     room: SoleRoom | None
     """The soles, if they are known."""
+    exact: bool
+    """Whether the worst cases are exact; else they are bounds that are simpler to find.
+    """
     axes: tuple[AxisCertificate, ...]
     """Walking x and y, standing x and y."""
 
@@ -210,7 +213,8 @@ class Certificate:
         """Yield what stable gains survive."""
         if self.survives is not None:
             speed, name = self.survives
-            error = f"{speed:.3f} m/s of CoM velocity error"
+            least = "" if self.exact else "at least "
+            error = f"{least}{speed:.3f} m/s of CoM velocity error"
             yield f"survives {error} inside the sole ({name})"
         if self.delay_margin is not None:
             delay, name = self.delay_margin
@@ -274,7 +278,14 @@ def certify(
                 )
             )
     return Certificate(
-        pendulum=pendulum, gains=gains, loop=loop, a=a, b=b, room=room, axes=tuple(axes)
+        pendulum=pendulum,
+        gains=gains,
+        loop=loop,
+        a=a,
+        b=b,
+        room=room,
+        exact=exact,
+        axes=tuple(axes),
     )
 
 

@@ -46,10 +46,9 @@ def test_peers_read_the_same_robot(speed, problem, tmp_path):
         pin.framesForwardKinematics(model, data, layout.q[k])
         for i, site in enumerate(problem.sites):
             place = data.oMf[model.getFrameId(f"site{site}")]
-            np.testing.assert_allclose(place.translation, problem.points[k, i])
-            np.testing.assert_allclose(
-                place.rotation, problem.rotations[k, i], atol=1e-9
-            )
+            p, R = problem.points[k, i], problem.rotations[k, i]
+            np.testing.assert_allclose(place.translation, p, atol=1e-9)
+            np.testing.assert_allclose(place.rotation, R, atol=1e-9)
     assert pin.computeTotalMass(model) == pytest.approx(problem.robot.mass)
 
 

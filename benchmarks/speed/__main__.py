@@ -38,7 +38,6 @@ SECTIONS = ("resolution", "pattern", "start", "growth", "loop", "realtime")
 HOW = {
     "compiled tick, real-time priority": {},
     "compiled tick, usual priority": {"priority": False},
-    "the same, collector as ever": {"priority": False, "tamed": False},
     "readable loop, real-time priority": {"compiled": False},
 }
 """How the loop of `realtime` runs."""
@@ -108,7 +107,7 @@ def _section(name: str, options: argparse.Namespace, peers: dict[str, str]) -> A
         return {"ways": ways, "plans": plans, "anew": replanning(rounds)}
     if name == "growth":
         joints = with_joints(max(5, rounds // 4))
-        return {"joints": joints, "robots": robots_at_once()}
+        return {"joints": joints, "robots": robots_at_once(robots[-1])}
     if name == "loop":
         return closed_loop((*robots[1:], "paper"), 8)
     return {

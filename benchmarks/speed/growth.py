@@ -9,13 +9,16 @@ import math
 import statistics
 import tempfile
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import mujoco
+import numpy as np
 from candidates import compiled, jacobians_alone
+from comwalk.batch import BatchResolver
 from measure import interleaved
-from problem import make_problem
+from problem import Problem, make_problem
 
 import comwalk as cw
 from comwalk.model_files import read_model
@@ -24,9 +27,9 @@ from comwalk.monte_carlo import monte_carlo
 FINGERS = (0, 10, 30, 90)
 """Joints that a robot is given more."""
 ROBOTS_AT_ONCE = (16, 256, 4096, 65536)
-"""Robots of the simplified model, each with its own disturbance."""
+"""Robots, each with its own state and disturbance."""
 TICKS = 20_000_000
-"""About how many ticks they make in all."""
+"""About how many ticks of the simplified model they make in all."""
 
 
 def with_joints(rounds: int) -> list[dict[str, Any]]:
@@ -94,15 +97,47 @@ def _physics_step(model: mujoco.MjModel) -> float:
     return statistics.median(times)
 
 
-def robots_at_once() -> list[dict[str, Any]]:
-    """Return ticks of the simplified model per second, on all cores, by robots."""
+def robots_at_once(name: str) -> list[dict[str, Any]]:
+    """Return ticks per second on all cores, by the number of robots.
+
+    Args:
+        name: The robot whose whole body is resolved, `arms`.
+    """
+    problem = make_problem(name, "arms")
     rows = []
     for n in ROBOTS_AT_ONCE:
-        ticks, best = max(100, min(10_000, TICKS // n)), math.inf
+        ticks = max(100, min(10_000, TICKS // n))
         bounds = {"a": 0.05, "b": 0.5, "duration": 0.002 * ticks}
-        for _ in range(4):  # the first compiles
-            begin = time.perf_counter()
-            monte_carlo(cw.Pendulum(), 3.0, 6.6, robots=n, **bounds)
-            best = min(best, time.perf_counter() - begin)
-        rows.append({"robots": n, "rate": n * ticks / best})
+        pendulums = _least_time(
+            lambda n=n, bounds=bounds: monte_carlo(
+                cw.Pendulum(), 3.0, 6.6, robots=n, **bounds
+            )
+        )
+        bodies = _least_time(_batch(problem, n))
+        row = {"robots": n, "pendulums": n * ticks / pendulums}
+        rows.append(row | {"whole_bodies": n / bodies})
     return rows
+
+
+def _batch(problem: Problem, n: int) -> Callable[[], Any]:
+    """Return what resolves the tasks of n robots at once."""
+    batch = BatchResolver(problem.robot, dict.fromkeys(problem.ends, range(6)))
+    tasks, ks = batch.tasks(n), np.arange(n) % len(problem)
+    tasks.com_velocity[:] = problem.com_velocity[ks]
+    tasks.trunk_rate[:] = problem.trunk_rate[ks]
+    index = [limb.name for limb in problem.robot.limbs]
+    ends = [index.index(name) for name in problem.ends]
+    tasks.twists[:, ends] = problem.twists[ks]
+    tasks.rates[:] = problem.rates[ks]
+    q = np.ascontiguousarray(problem.q[ks])
+    return lambda: batch.resolve(q, tasks)
+
+
+def _least_time(call: Callable[[], Any]) -> float:
+    """Return the least time of some calls [s]; the first compiles."""
+    best = math.inf
+    for _ in range(6):
+        begin = time.perf_counter()
+        call()
+        best = min(best, time.perf_counter() - begin)
+    return best

@@ -142,7 +142,7 @@ class AxisCertificate:
     k_c: float
     """CoM gain [1/s]."""
     ideal: IdealCertificate | None
-    """The paper's model; None without feedback of the ZMP."""
+    """The paper's model; None without feedback of the ZMP, or if not asked for."""
     loop: LoopCertificate | None
     """The loop as it runs; None in open loop."""
 
@@ -233,6 +233,7 @@ def certify(
     b: float = 0.5,
     room: SoleRoom | None = None,
     exact: bool = True,
+    theory: bool = True,
 ) -> Certificate:
     r"""Return what gains guarantee, for walking and standing, by axis.
 
@@ -248,6 +249,8 @@ def certify(
         room: How far the ZMP may be from its plan; None if it is not known.
         exact: Whether to solve the linear programs for the exact worst cases; without
             them it takes a tenth of the time.
+        theory: Whether to answer for the ideal loop too, of which the verdict tells
+            nothing.
 
     Returns:
         The certificate.
@@ -273,7 +276,7 @@ def certify(
                     standing=standing,
                     k_p=k_p,
                     k_c=k_c,
-                    ideal=_ideal(model) if k_p > 0.0 else None,
+                    ideal=_ideal(model) if theory and k_p > 0.0 else None,
                     loop=_sampled(model, loop, span) if k_p + k_c > 0.0 else None,
                 )
             )

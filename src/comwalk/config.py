@@ -754,7 +754,7 @@ class Setup:
         )
 
     def certificate(self) -> Certificate:
-        """Return what its gains guarantee, without the exact worst cases.
+        """Return what its gains guarantee, as far as the verdict needs it.
 
         Returns:
             The certificate.
@@ -763,8 +763,14 @@ class Setup:
         from .defaults import sole_room
 
         room = None if self.robot is None else sole_room(self.robot)
-        gains, pendulum = self.control.gains, self.pattern.pendulum
-        return certify(pendulum, gains, self.control.loop(), room=room, exact=False)
+        return certify(
+            self.pattern.pendulum,
+            self.control.gains,
+            self.control.loop(),
+            room=room,
+            exact=False,
+            theory=False,
+        )
 
 
 def build_walk(config: WalkConfig) -> Setup:

@@ -120,7 +120,7 @@ def design(
     Example:
         >>> gains, cutoff = design(Pendulum(), SampledLoop())
         >>> gains.zmp, gains.com, cutoff
-        ((4.141, 4.141), (7.099, 7.099), 1.191)
+        ((3.951, 3.951), (6.773, 6.773), 1.169)
     """
     goal = goal or DesignGoal()
     best = _AIMS[goal.aim](pendulum, loop, goal)

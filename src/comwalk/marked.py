@@ -17,7 +17,7 @@ from .anatomy import Anatomy
 from .errors import ModelError
 from .footsteps import Side
 from .marking import compile_model
-from .model_parts import Mimic
+from .model_parts import Mimic, rotation_of
 from .polygon import convex_hull
 from .skeleton import Skeleton
 from .soles import Sole
@@ -134,7 +134,8 @@ def _add_centre(
             f'robot {path}: the body of site "{letter}_sole" has no box that touches '
             "the ground; give the foot a contact box"
         )
-    centre, R = 0.5 * (corners.min(axis=0) + corners.max(axis=0)), _turn(sole.quat)
+    centre = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
+    R = rotation_of(sole.quat)
     position = sole.pos + R @ [*centre, 0.0]
     body = next(s for s in spec.sites if s.name == f"{letter}_sole").parent
     body.add_site(name=f"{letter}_sole_centre", pos=position, quat=sole.quat, group=4)
@@ -151,20 +152,14 @@ def _add_centre(
 
 def _sole_corners(model: mujoco.MjModel, site: int) -> np.ndarray:
     """Return the corners of a foot's contact boxes in the plane of its sole site."""
-    R, corners = _turn(model.site_quat[site]), [np.zeros((0, 3))]
+    R, corners = rotation_of(model.site_quat[site]), [np.zeros((0, 3))]
     signs = np.array(np.meshgrid([-1, 1], [-1, 1], [-1, 1])).reshape(3, -1).T
     for geom in np.flatnonzero(model.geom_bodyid == model.site_bodyid[site]).tolist():
         collides = model.geom_contype[geom] or model.geom_conaffinity[geom]
         if collides and model.geom_type[geom] == int(mujoco.mjtGeom.mjGEOM_BOX):
-            points = signs * model.geom_size[geom] @ _turn(model.geom_quat[geom]).T
+            turn = rotation_of(model.geom_quat[geom])
+            points = signs * model.geom_size[geom] @ turn.T
             corners.append((points + model.geom_pos[geom] - model.site_pos[site]) @ R)
     points = np.vstack(corners)
     lowest = points[:, 2] < points[:, 2].min(initial=np.inf) + _FLAT
     return convex_hull(points[lowest, :2]) if len(points) else points[:, :2]
-
-
-def _turn(quaternion: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix of a quaternion wxyz."""
-    R = np.empty(9)
-    mujoco.mju_quat2Mat(R, quaternion)
-    return R.reshape(3, 3)

@@ -19,7 +19,7 @@ from .coupling import Coupling, couple
 from .errors import ModelError, one_line
 from .footsteps import Side
 from .model_files import ModelFile
-from .model_parts import Mimic, quaternion_of
+from .model_parts import Mimic, quaternion_of, rotation_of
 from .posture import Limbs, find_posture
 from .profile import Profile
 from .servos import (
@@ -172,9 +172,7 @@ def _move_body(joint: mujoco.MjsJoint, value: float) -> None:
     """Put the body of a joint where the joint, moved by a value, would have it."""
     body, axis = joint.parent, np.asarray(joint.axis, float)
     axis = axis / np.linalg.norm(axis)
-    R = np.empty(9)
-    mujoco.mju_quat2Mat(R, np.asarray(body.quat, float))
-    R = R.reshape(3, 3)
+    R = rotation_of(np.asarray(body.quat, float))
     if joint.type == mujoco.mjtJoint.mjJNT_SLIDE:
         body.pos = np.asarray(body.pos) + R @ (value * axis)
         return

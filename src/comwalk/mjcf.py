@@ -10,7 +10,14 @@ import mujoco
 import numpy as np
 
 from .errors import ModelError, one_line
-from .model_parts import LinkMesh, Mimic, ModelFile, first_of, resolve_mimics
+from .model_parts import (
+    LinkMesh,
+    Mimic,
+    ModelFile,
+    first_of,
+    resolve_mimics,
+    rotation_of,
+)
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _FREE = mujoco.mjtJoint.mjJNT_FREE
@@ -197,9 +204,8 @@ def _mesh_path(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> Path:
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:
     """Return the rotation matrix of a quaternion wxyz of any length."""
-    R, unit = np.empty(9), np.array(quaternion, dtype=float)
-    mujoco.mju_quat2Mat(R, unit / np.linalg.norm(unit))
-    return R.reshape(3, 3)
+    unit = np.array(quaternion, dtype=float)
+    return rotation_of(unit / np.linalg.norm(unit))
 
 
 def _color(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> tuple[float, ...]:

@@ -129,3 +129,17 @@ def quaternion_of(R: np.ndarray) -> np.ndarray:
     quaternion = np.empty(4)
     mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R, dtype=float).ravel())
     return quaternion
+
+
+def rotation_of(quaternion: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix of a quaternion wxyz.
+
+    Args:
+        quaternion: Unit quaternion, of shape (4,).
+
+    Returns:
+        Rotation, of shape (3, 3).
+    """
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, quaternion)
+    return R.reshape(3, 3)

@@ -10,6 +10,7 @@ import mujoco
 import numpy as np
 
 from .footsteps import Side
+from .model_parts import rotation_of
 from .render import View, still
 from .robot import Kinematics, Robot
 from .settings import SimulatorSettings
@@ -83,9 +84,8 @@ def _draw_sole(spec: mujoco.MjSpec, robot: Robot, side: Side, size: float) -> No
     site = spec.site(f"{side.value[0]}_sole_centre")
     corners = robot.feet[side].sole
     compiled = robot.model.site(robot.feet[side].site)
-    R = np.empty(9)
-    mujoco.mju_quat2Mat(R, compiled.quat)
-    points = compiled.pos + np.pad(corners, ((0, 0), (0, 1))) @ R.reshape(3, 3).T
+    R = rotation_of(compiled.quat)
+    points = compiled.pos + np.pad(corners, ((0, 0), (0, 1))) @ R.T
     for a, b in zip(points, np.roll(points, -1, axis=0), strict=True):
         _add_rod(site.parent, a, b, 0.006 * size, _SOLES[side])
 
@@ -93,19 +93,16 @@ def _draw_sole(spec: mujoco.MjSpec, robot: Robot, side: Side, size: float) -> No
 def _draw_axes(spec: mujoco.MjSpec, name: str, length: float) -> None:
     """Draw the axes of a site: red x, green y, blue z."""
     site = spec.site(name)
-    R = np.empty(9)
-    mujoco.mju_quat2Mat(R, np.asarray(site.quat, float))
+    R = rotation_of(np.asarray(site.quat, float))
     start = np.asarray(site.pos, float)
-    for axis, color in zip(R.reshape(3, 3).T, _AXES, strict=True):
+    for axis, color in zip(R.T, _AXES, strict=True):
         _add_rod(site.parent, start, start + length * axis, 0.05 * length, color)
 
 
 def _draw_com(spec: mujoco.MjSpec, robot: Robot, com: np.ndarray, size: float) -> None:
     """Draw the CoM, and the line from there to the ground."""
     base = spec.worldbody.first_body()
-    R = np.empty(9)
-    mujoco.mju_quat2Mat(R, robot.home[3:7])
-    R = R.reshape(3, 3)
+    R = rotation_of(robot.home[3:7])
     local, ground = (
         R.T @ (point - robot.home[:3]) for point in (com, com * [1.0, 1.0, 0.0])
     )

@@ -23,6 +23,7 @@ from .footsteps import Side
 from .marked import is_marked, read_marks
 from .marking import compile_model, couple_in_physics, coupling_of, mark
 from .model_files import ModelFile, read_model
+from .model_parts import rotation_of
 from .motion import JointLimit
 from .profile import Profile, check_names, read_profile
 from .resolution import Limb, Posture
@@ -304,13 +305,6 @@ def _read_foot(model: mujoco.MjModel, side: Side, anatomy: Anatomy) -> Foot:
     )
 
 
-def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix of a quaternion wxyz."""
-    R = np.empty(9)
-    mujoco.mju_quat2Mat(R, quaternion)
-    return R.reshape(3, 3)
-
-
 def _find_limbs(
     model: mujoco.MjModel, anatomy: Anatomy
 ) -> tuple[tuple[Limb, ...], tuple[int, ...]]:
@@ -526,7 +520,7 @@ class Kinematics:
         """
         local, result = velocity.copy(), q.copy()
         if rotation is None:
-            rotation = _rotation(q[3:7])
+            rotation = rotation_of(q[3:7])
         if self.robot.coupling is not None:
             self.robot.coupling.unfold(local)
         local[3:6] = velocity[3:6] @ rotation

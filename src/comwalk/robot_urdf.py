@@ -13,6 +13,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
+from .model_parts import rotation_of
 from .robot import Robot
 
 _GEOM, _JOINT = mujoco.mjtGeom, mujoco.mjtJoint
@@ -75,13 +76,6 @@ def _add_origin(parent: ET.Element, position: np.ndarray, R: np.ndarray) -> None
     ET.SubElement(parent, "origin", xyz=_numbers(position), rpy=rpy)
 
 
-def _matrix(quaternion: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix of a quaternion wxyz."""
-    R = np.empty(9)
-    mujoco.mju_quat2Mat(R, quaternion)
-    return R.reshape(3, 3)
-
-
 def _axes(data: mujoco.MjData, body: int) -> np.ndarray:
     """Return the rotation of a body to the world."""
     return data.xmat[body].reshape(3, 3)
@@ -90,7 +84,7 @@ def _axes(data: mujoco.MjData, body: int) -> np.ndarray:
 def _add_inertia(link: ET.Element, model: mujoco.MjModel, body: int) -> None:
     """Add mass and moments of inertia."""
     inertial = ET.SubElement(link, "inertial")
-    R = _matrix(model.body_iquat[body])
+    R = rotation_of(model.body_iquat[body])
     _add_origin(inertial, model.body_ipos[body], R)
     ET.SubElement(inertial, "mass", value=f"{model.body_mass[body]:.9g}")
     moments = [f"{x:.9g}" for x in model.body_inertia[body].tolist()]
@@ -104,7 +98,7 @@ def _shapes(model: mujoco.MjModel, body: int) -> Iterator[ET.Element]:
     geoms = range(first, first + model.body_geomnum[body])
     shown = [g for g in geoms if model.geom_group[g] < 3]  # others are for contact
     for g in shown or geoms:
-        position, R = model.geom_pos[g], _matrix(model.geom_quat[g])
+        position, R = model.geom_pos[g], rotation_of(model.geom_quat[g])
         x, y, z = model.geom_size[g].tolist()
         kind, color = int(model.geom_type[g]), _numbers(model.geom_rgba[g])
         if kind == _GEOM.mjGEOM_BOX:
@@ -134,7 +128,7 @@ def _rods(
         if length > _ROD:
             turn, quaternion = end / length, np.empty(4)
             mujoco.mju_quatZ2Vec(quaternion, turn)
-            axes = _matrix(quaternion)
+            axes = rotation_of(quaternion)
             yield _cylinder(_ROD, length, end / 2, axes, "0.6 0.65 0.7 1")
 
 

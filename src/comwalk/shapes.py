@@ -13,6 +13,8 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from .model_parts import rotation_of
+
 _GEOM = mujoco.mjtGeom
 _DRAWN = {
     int(kind)
@@ -88,9 +90,9 @@ def _rgba(model: mujoco.MjModel, geom: int) -> np.ndarray:
 
 def _placed(model: mujoco.MjModel, geom: int, triangles: _Triangles) -> _Triangles:
     """Return a geom's triangles in the frame of its body."""
-    R, (vertices, faces) = np.empty(9), triangles
-    mujoco.mju_quat2Mat(R, model.geom_quat[geom])
-    return vertices @ R.reshape(3, 3).T + model.geom_pos[geom], faces
+    vertices, faces = triangles
+    R = rotation_of(model.geom_quat[geom])
+    return vertices @ R.T + model.geom_pos[geom], faces
 
 
 def _joined(pieces: Iterable[_Triangles]) -> _Triangles:

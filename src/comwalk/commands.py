@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 from rich.table import Table
 
+from .bars import time_bar
 from .config import (
     DanceConfig,
     PatternConfig,
@@ -38,6 +38,7 @@ from .motion_files import load_motion
 from .page_flags import HostFlag, OpenFlag, PortFlag
 from .page_server import HOST, PORT, Address
 from .pattern import coefficients, make_pattern, transfer_zmp
+from .tables import outcome_text
 
 if TYPE_CHECKING:
     from .run import Run
@@ -355,7 +356,7 @@ def _perform(
     line = None if settings.json else f"certificate: {verdict}"
     try:
         if where is None:
-            with _progress(setup.pattern.duration, settings.json) as progress:
+            with time_bar(setup.pattern.duration, settings.json) as progress:
                 told = _telling(line, progress)
                 run = setup.run(told, record=folder / MCAP_NAME, about=about)
         else:
@@ -395,25 +396,6 @@ def _run_folder(out: str | None, command: str) -> Path:
 
 
 # ---- Printing ---------------------------------------------------------------------
-
-
-@contextmanager
-def _progress(
-    duration: float, quiet: bool
-) -> Generator[Callable[[float], None] | None]:
-    """Show a progress bar on a terminal; yield what moves it."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    console = Console(stderr=True)
-    columns = (
-        TextColumn("{task.completed:.1f} of {task.total:.1f} s"),
-        BarColumn(),
-        TimeRemainingColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=duration)
-        yield lambda time: bar.update(task, completed=time)
 
 
 def _telling(
@@ -477,11 +459,7 @@ def _print_summary(summary: dict[str, Any], folder: Path) -> None:
 
 def _summary_rows(s: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield names and texts of the figures of a run; empty texts for missing ones."""
-    end = f"{s['outcome']} at {s['time_s']:.2f} s"
-    if s["outcome"] != "completed":
-        phase = s["phase"].replace("_", " ")
-        end += f" in the {phase} phase: {s['cause']}"
-    yield "outcome", end
+    yield "outcome", outcome_text(s)
     if s["steps_planned"]:
         yield "steps", f"{s['steps_completed']} of {s['steps_planned']}"
         yield "distance", f"{s['distance_m']:.3f} m"

@@ -3,17 +3,14 @@
 from __future__ import annotations
 
 import json as json_format
-import sys
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TimeRemainingColumn
 from rich.table import Table
 
+from .bars import share_bar
 from .config import IdentifyConfig, build_identify, make_config
 from .defaults import default_control
 from .flags import flags_of, given_flags, with_flags
@@ -47,7 +44,7 @@ def identify(
     settings = make_config(IdentifyConfig, given, config)
     folder = None if settings.out is None else prepare_folder(settings.out)
     setup = build_identify(settings)
-    with _progress(settings.json) as progress:
+    with share_bar("shaking the robot", settings.json) as progress:
         found = run_experiment(
             setup.plant,
             setup.body,
@@ -64,18 +61,6 @@ def identify(
     else:
         _print(facts, folder)
     return 0
-
-
-@contextmanager
-def _progress(quiet: bool) -> Generator[Callable[[float], None] | None]:
-    """Show a progress bar on a terminal; yield what moves it."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    columns = ("shaking the robot", BarColumn(), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=1.0)
-        yield lambda share: bar.update(task, completed=share)
 
 
 def _write(folder: Path, found: Identified, robot: str, facts: dict[str, Any]) -> None:

@@ -3,15 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Generator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.progress import BarColumn, Progress, TextColumn, TimeRemainingColumn
 
+from .bars import share_bar
 from .config import RobotConfig
 from .errors import ComwalkError, ParameterError
 from .run import Run
@@ -46,7 +43,7 @@ def report(
     sources = (run,) if other is None else (run, other)
     default = "report" if other is None else f"against-{other.resolve().name}"
     path = out or run / f"{default}.html"
-    with _progress("report") as progress:
+    with share_bar("report") as progress:
         page = report_of(*sources, progress=progress)
     page.save(path)
     print(f"written to {path} ({path.stat().st_size / 1e6:.1f} MB)")
@@ -90,7 +87,7 @@ def film(
             raise ParameterError(f"--time takes a still, such as .png, not {out.name}")
         render_still(run, out, time, view=view)
     else:
-        with _progress("film") as progress:
+        with share_bar("film") as progress:
             render_run(
                 run,
                 out,
@@ -151,7 +148,7 @@ def _write_report(run: Run, path: Path, quiet: bool) -> None:
     """Write the page of a run, named after its folder."""
     from .report import report as report_of
 
-    with _progress("report", quiet) as progress:
+    with share_bar("report", quiet) as progress:
         report_of(run, names=[path.resolve().parent.name], progress=progress).save(path)
 
 
@@ -160,20 +157,5 @@ def _write_film(run: Run, path: Path, quiet: bool) -> None:
     from .render import View, render_run
 
     view = View(shadows=True, smooth=2)
-    with _progress("film", quiet) as progress:
+    with share_bar("film", quiet) as progress:
         render_run(run, path, view=view, fps=25.0, progress=progress)
-
-
-@contextmanager
-def _progress(
-    what: str, quiet: bool = False
-) -> Generator[Callable[[float], None] | None]:
-    """Show a progress bar on a terminal; yield what moves it, from 0 to 1."""
-    if quiet or not sys.stderr.isatty():
-        yield None
-        return
-    columns = (TextColumn(what), BarColumn(), TimeRemainingColumn())
-    console = Console(stderr=True)
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=1.0)
-        yield lambda done: bar.update(task, completed=done)

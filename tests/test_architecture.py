@@ -50,6 +50,7 @@ ORDER = (
     "resolution",
     "resolver",
     "settings",
+    "record",
     "observed",
     # The whole body, in MuJoCo.
     "model_parts",
@@ -111,7 +112,6 @@ ORDER = (
     "plot",
     "gain_plane",
     "response_plot",
-    "record",
     "recording",
     "gl",
     "video",

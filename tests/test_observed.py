@@ -137,7 +137,7 @@ def test_what_is_no_walk_is_refused(tmp_path, capsys):
 
 
 def test_a_walk_in_physics_stays_within_its_bounds(tmp_path, capsys):
-    """By the command, of a walk that is pushed."""
+    """By the command, of a walk that is pushed; what is left of it is refused."""
     folder = str(tmp_path / "run")
     walk = ["walk", "--steps", "2", "--push", "2.5:0,30,0", "--out", folder]
     assert main(walk) == 0
@@ -151,3 +151,13 @@ def test_a_walk_in_physics_stays_within_its_bounds(tmp_path, capsys):
         assert 0.02 < error["observed"] / error["bound"] < 1.0
     assert main(["certify", "--run", folder]) == 0
     assert "as it runs" in capsys.readouterr().out
+    archive = tmp_path / "run" / "run.npz"
+    archive.write_bytes(archive.read_bytes()[:1000])
+    assert main(["certify", "--run", folder]) == 2
+    assert "run.npz is broken" in capsys.readouterr().err
+    summary = tmp_path / "run" / "summary.json"
+    made = json.loads(summary.read_text(encoding="utf-8"))
+    del made["settings"]["control"]
+    summary.write_text(json.dumps(made), encoding="utf-8")
+    assert main(["certify", "--run", folder]) == 2
+    assert "is not a run of a walking controller" in capsys.readouterr().err

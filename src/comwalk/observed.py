@@ -18,13 +18,11 @@ beside.
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
@@ -33,6 +31,7 @@ from scipy.signal import lfilter
 from .control import ControlSettings, Gains
 from .errors import ParameterError, RunError
 from .pendulum import Pendulum
+from .record import read_columns, read_summary
 from .sampled import SampledLoop, low_pass_coefficient, servo_response
 from .sampled_bounds import sampled_weights, sampled_worst_case
 from .settings import Control
@@ -242,17 +241,15 @@ def observe_run(folder: str | Path) -> tuple[ObservedAxis, ObservedAxis]:
         RunError: If it is not such a run.
         ParameterError: If the gains have no bounds.
     """
-    path = Path(folder)
+    made = read_summary(folder)["settings"]
     try:
-        summary = json.loads((path / "summary.json").read_text(encoding="utf-8"))
-        made = summary["settings"]
         control, pendulum = _control_of(made["control"]), Pendulum(**made["pendulum"])
-        with np.load(path / "run.npz", allow_pickle=False) as file:
-            columns = {name: file[name] for name in {*_NEEDED, "com_true"} & set(file)}
-    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile):
+    except (ValueError, KeyError, TypeError, AttributeError):
         raise RunError(
-            f"{path} is not a run: it has no readable summary.json and run.npz"
+            f"{folder} is not a run of a walking controller: its summary.json does not "
+            "tell control and pendulum"
         ) from None
+    columns = read_columns(folder)
     return observe(columns, pendulum, control.gains, control.loop())
 
 

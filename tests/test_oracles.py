@@ -32,7 +32,7 @@ from comwalk.resolver import Resolver
 from comwalk.robot import Kinematics, Robot
 from comwalk.run import Run, simulate
 from comwalk.sensing import Contact, zmp_from_wrenches
-from comwalk.spatial import rotate_twist, rotation_error, shift
+from comwalk.spatial import rotate_twist, rotation_log, shift
 
 ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
@@ -242,7 +242,7 @@ def test_jacobians_by_finite_differences(oracle):
         for i, end in enumerate(oracle.robot.ends):
             if end < 0:
                 continue
-            turn = rotation_error(ahead.end_rotations[i], behind.end_rotations[i])
+            turn = rotation_log(ahead.end_rotations[i] @ behind.end_rotations[i].T)
             travel = ahead.ends[i] - behind.ends[i]
             twist = np.concatenate([travel, turn]) / (2 * h)
             assert np.abs(twist - moved[3 + 6 * i : 9 + 6 * i]).max() < 1e-6

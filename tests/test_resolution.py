@@ -21,7 +21,7 @@ from comwalk.resolution import (
 )
 from comwalk.resolver import RateLimits, Resolver
 from comwalk.robot import Kinematics
-from comwalk.spatial import rotation_error, rotation_yaw, shift, skew
+from comwalk.spatial import rotation_log, rotation_yaw, shift, skew
 
 ROBOTS = {"paper": paper, "jvrc1": jvrc}
 CARTESIAN = {
@@ -127,7 +127,7 @@ def test_rates_move_the_robot_as_asked(robot, cartesian):
         behind = kinematics.posture(kinematics.integrate(q, v, -h))
         com = (ahead.com - behind.com) / (2 * h)
         assert np.abs(com - task.com_velocity).max() < 1e-6
-        turn = rotation_error(ahead.rotation, behind.rotation) / (2 * h)
+        turn = rotation_log(ahead.rotation @ behind.rotation.T) / (2 * h)
         assert np.abs(turn - task.trunk_rate).max() < 1e-6
         for i, limb in enumerate(robot.limbs):
             base = limb.name == task.base
@@ -136,7 +136,7 @@ def test_rates_move_the_robot_as_asked(robot, cartesian):
                 continue
             twist = task.base_twist if base else motion.twist
             moved = (ahead.ends[i] - behind.ends[i]) / (2 * h)
-            turned = rotation_error(ahead.end_rotations[i], behind.end_rotations[i])
+            turned = rotation_log(ahead.end_rotations[i] @ behind.end_rotations[i].T)
             if not (limb.name == "torso" and len(limb.joints) < 6):
                 assert np.abs(moved - twist[:3]).max() < 1e-6
                 assert np.abs(turned / (2 * h) - twist[3:]).max() < 1e-6
@@ -173,7 +173,7 @@ def test_clik_removes_drift():
         twists = [
             K * np.concatenate([
                 goal.ends[i] - posture.ends[i],
-                rotation_error(goal.end_rotations[i], posture.end_rotations[i]),
+                rotation_log(goal.end_rotations[i] @ posture.end_rotations[i].T),
             ])
             for i in (0, 1)
         ]  # fmt: skip
@@ -185,7 +185,7 @@ def test_clik_removes_drift():
             K * (goal.com - posture.com),
             "left_leg",
             twists[0],
-            K * rotation_error(rotation_yaw(0.0), posture.rotation),
+            K * rotation_log(rotation_yaw(0.0) @ posture.rotation.T),
             {"right_leg": CartesianMotion(twists[1]), **still},
         )
         q = kinematics.integrate(q, resolver.resolve(posture, task).velocity, dt)
@@ -268,7 +268,7 @@ def test_reaching_too_high_keeps_feet_and_horizontal_com():
         twist = [
             K * np.concatenate([
                 goal.ends[i] - posture.ends[i],
-                rotation_error(goal.end_rotations[i], posture.end_rotations[i]),
+                rotation_log(goal.end_rotations[i] @ posture.end_rotations[i].T),
             ])
             for i in (0, 1)
         ]  # fmt: skip
@@ -276,7 +276,7 @@ def test_reaching_too_high_keeps_feet_and_horizontal_com():
         task = Task(
             K * (np.array([*goal.com[:2], height]) - posture.com),
             "left_leg", twist[0],
-            K * rotation_error(np.eye(3), posture.rotation),
+            K * rotation_log(np.eye(3) @ posture.rotation.T),
             {"right_leg": CartesianMotion(twist[1]), **still},
         )  # fmt: skip
         result = resolver.resolve(posture, task)

@@ -31,9 +31,6 @@ from .roles import Role, find_roles
 from .servos import Gains, set_gains, set_torque
 from .skeleton import Skeleton
 
-BUILTIN_ROBOTS = {"paper": "the paper's humanoid: 67.68 kg, CoM at 0.687 m, 30 joints"}
-"""Names of the robots that come with comwalk, and what they are."""
-
 LEGS = {Side.LEFT: "left_leg", Side.RIGHT: "right_leg"}
 """Names of the two legs among a robot's limbs."""
 

@@ -136,19 +136,6 @@ def _half_turn_log(R: np.ndarray) -> np.ndarray:
     return angle * (axis if axis @ sense >= 0.0 else -axis)
 
 
-def rotation_error(R_d: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """Return the rotation vector that takes R to R_d, in world axes.
-
-    Args:
-        R_d: Desired rotation, of shape (3, 3).
-        R: Actual rotation, of shape (3, 3).
-
-    Returns:
-        log(R_d R^T) [rad], of shape (3,).
-    """
-    return rotation_log(R_d @ R.T)
-
-
 def yaw_of_quaternion(quaternion: np.ndarray) -> float:
     """Return the yaw of a rotation given as a quaternion.
 

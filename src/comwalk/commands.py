@@ -296,7 +296,7 @@ def robots(*, json: _Json = False) -> int:
 
 
 def replay(
-    folder: Annotated[Path, Parameter(help="Folder of a run.")],
+    run: Annotated[Path, Parameter(help="Folder of a run.")],
     /,
     *,
     verify: Annotated[
@@ -312,12 +312,12 @@ def replay(
     if not verify:
         from .record import read_summary
 
-        summary = read_summary(folder)
-        _print_json(summary) if json else _print_summary(summary, folder)
+        summary = read_summary(run)
+        _print_json(summary) if json else _print_summary(summary, run)
         return 0
     from .run import replay as play
 
-    result = dataclasses.asdict(play(folder))
+    result = dataclasses.asdict(play(run))
     differences = (result["position_difference"], result["velocity_difference"])
     same = max(differences) <= LARGEST_REPLAY_ERROR
     if json:

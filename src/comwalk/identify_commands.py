@@ -32,7 +32,7 @@ def identify(
     *,
     flags: Any = None,
     config: Annotated[
-        Path | None, Parameter(help="TOML file with the same keys.")
+        Path | None, Parameter(help="TOML file with the same keys; flags win.")
     ] = None,
 ) -> int:
     """Shake the standing robot a little; tell lag, dead time, compliance and noise.

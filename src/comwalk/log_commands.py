@@ -87,7 +87,10 @@ def export(
     *,
     csv: Annotated[bool, Parameter(help="A CSV file a topic.", negative=())] = False,
     parquet: Annotated[
-        bool, Parameter(help="A Parquet file a topic; needs duckdb.", negative=())
+        bool,
+        Parameter(
+            help="A Parquet file a topic (pip install 'comwalk[parquet]').", negative=()
+        ),
     ] = False,
     rosbag2: Annotated[
         bool, Parameter(help="A folder for `ros2 bag play`.", negative=())

@@ -16,7 +16,7 @@ from .robot import load_robot
 
 
 def robot(
-    source: Annotated[
+    robot: Annotated[
         str,
         Parameter(help="Robot of `comwalk robots`, or path of a URDF or MJCF file."),
     ] = "paper",
@@ -39,7 +39,7 @@ def robot(
     ] = False,
 ) -> int:
     """Tell what was found out about a robot: limbs, soles, servos, gait."""
-    loaded = load_robot(source, profile=profile, geometry=picture is not None)
+    loaded = load_robot(robot, profile=profile, geometry=picture is not None)
     facts = describe(loaded)
     if write_profile is not None:
         title = f"what comwalk found out about {loaded.name}"

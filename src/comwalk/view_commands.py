@@ -23,7 +23,7 @@ from .viewer import open_player
 
 
 def view(
-    folder: Annotated[Path, Parameter(help="Folder of a run.")],
+    run: Annotated[Path, Parameter(help="Folder of a run.")],
     /,
     *,
     host: HostFlag = HOST,
@@ -34,7 +34,7 @@ def view(
 
     It is served until Ctrl-C.
     """
-    recording = recording_of(folder, geometry=True)
+    recording = recording_of(run, geometry=True)
     if open:
         check_browser()
     with open_player(recording, host, port) as (player, address):

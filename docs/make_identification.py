@@ -19,13 +19,18 @@ import numpy as np
 
 from comwalk.config import IdentifyConfig, IdentifySetup, build_identify
 from comwalk.control import ControlOutput, Gains
-from comwalk.defaults import default_control, walk_pattern
+from comwalk.defaults import (
+    default_control_settings,
+    default_pendulum,
+    similar_gains,
+    walk_pattern,
+)
 from comwalk.identification import Identified, identify
 from comwalk.margins import margins
 from comwalk.measured_loop import equivalent_loop, measured_margin
 from comwalk.observed import observe
 from comwalk.response_plot import plot_identified
-from comwalk.robot import load_robot
+from comwalk.robot import Robot, load_robot
 from comwalk.run import simulate
 from comwalk.sampled import SampledLoop
 from comwalk.settings import Control, Push, SimulatorSettings
@@ -123,6 +128,12 @@ def set_points(setup: IdentifySetup, axis: int) -> tuple[np.ndarray, np.ndarray]
 # ---- The delay that it bears, in physics --------------------------------------------
 
 
+def control_of(robot: Robot) -> Control:
+    """Return the paper's gains for a robot's natural frequency, with their filter."""
+    gains = similar_gains(default_pendulum(robot))
+    return Control(gains=gains, settings=default_control_settings(robot, gains))
+
+
 def one_axis(gains: Gains, axis: int) -> Gains:
     """Return the walking gains in one axis, for standing, and none in the other."""
     k_p, k_c = ([0.0, 0.0], [0.0, 0.0])
@@ -139,7 +150,7 @@ def grows(robot: str, axis: int, ticks: int) -> tuple[bool, float]:
     A swing that decays is below a tenth of the threshold a second after the push.
     """
     setup = build_identify(IdentifyConfig(robot=robot))
-    control = default_control(setup.robot)
+    control = control_of(setup.robot)
     force = np.zeros(3)
     force[axis] = PUSH_SHARE * setup.robot.mass * setup.robot.gravity
     run = simulate(
@@ -179,7 +190,7 @@ def found_delay(robot: str, axis: int, guess: float) -> tuple[float, float]:
 def walks(robot: str, ticks: int) -> bool:
     """Walk six steps with late sensors, of which the controller knows."""
     setup = build_identify(IdentifyConfig(robot=robot))
-    control = default_control(setup.robot)
+    control = control_of(setup.robot)
     settings = replace(control.settings, delay=ticks)
     known = replace(control, settings=settings)
     physics = SimulatorSettings(latency=ticks * control.period)
@@ -259,7 +270,7 @@ def mode_row(robot: str, found: Identified) -> str:
 def delay_rows(robot: str, found: Identified) -> list[str]:
     """Return the rows of one robot in the table of delays."""
     setup = build_identify(IdentifyConfig(robot=robot))
-    control, rows = default_control(setup.robot), []
+    control, rows = control_of(setup.robot), []
     cutoff = control.settings.zmp_cutoff
     guesses = []
     for k, fit in enumerate(found.axes):
@@ -290,7 +301,7 @@ def delay_rows(robot: str, found: Identified) -> list[str]:
 def observed_rows(robot: str) -> list[str]:
     """Return the rows of one robot in the table of bounds and errors."""
     loaded, rows = load_robot(robot), []
-    pattern, control = walk_pattern(loaded, 6), default_control(loaded)
+    pattern, control = walk_pattern(loaded, 6), control_of(loaded)
     for push in (0.0, PUSH_OBSERVED):
         force = (0.0, push * loaded.mass * loaded.gravity, 0.0)
         pushes = (Push(start=PUSH_TIME, force=force),) if push else ()

@@ -51,7 +51,7 @@ class DesignGoal:
     """Bound on the rate of eps [m/s^2], for the aim "disturbance"."""
     gain_margin: float = 3.0
     """Factor on both gains that the loop is to stand [-], in [1, 100]."""
-    amplification: float = 2.4
+    amplification: float = 2.0
     """Largest k_c / (k_c - k_p), by which a constant ZMP error grows [-], in (1, 10].
     """
     standing_damping: float = 1.0
@@ -120,7 +120,7 @@ def design(
     Example:
         >>> gains, cutoff = design(Pendulum(), SampledLoop())
         >>> gains.zmp, gains.com, cutoff
-        ((3.951, 3.951), (6.773, 6.773), 1.169)
+        ((2.872, 2.872), (5.744, 5.744), 1.169)
     """
     goal = goal or DesignGoal()
     best = _AIMS[goal.aim](pendulum, loop, goal)

@@ -175,7 +175,7 @@ def test_a_table_gives_the_configuration_back(gait, gains, steps, seed):
     values = {"gait": gait, "gains": gains, "steps": steps, "seed": seed}
     config = make_config(WalkConfig, {**values, "push": ("1:1,2,3",)})
     table = json.loads(json.dumps(table_of(config)))
-    lists_to_tuples = {**table, "push": tuple(table["push"])}
+    lists_to_tuples = {**table, **{k: tuple(table[k]) for k in ("push", "video")}}
     assert make_config(WalkConfig, lists_to_tuples) == config
 
 

@@ -87,6 +87,20 @@ def test_the_two_single_commands_are_there():
         assert block[1].startswith("python3 -m venv")
 
 
+def test_each_command_is_told_of(capsys):
+    """In the README or a page of the docs, and in the changelog."""
+    assert main(["--help"]) == 0
+    names = re.findall(r"^\W ([a-z]+)  +[A-Z]", capsys.readouterr().out, re.MULTILINE)
+    assert {"walk", "certify", "film", "export"} <= set(names)
+    pages = [page.read_text(encoding="utf-8") for page in (ROOT / "docs").glob("*.md")]
+    text, changes = (
+        "".join([README, *pages]),
+        (ROOT / "CHANGELOG.md").read_text("utf-8"),
+    )
+    assert [n for n in names if not re.search(rf"comwalk {n}\b", text)] == []
+    assert [n for n in names if not re.search(rf"`(comwalk )?{n}\b", changes)] == []
+
+
 def test_links_lead_somewhere():
     for target in re.findall(r"\]\(([^)#]+)\)", README):
         if not target.startswith("http"):

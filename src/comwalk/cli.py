@@ -1,7 +1,7 @@
 """The command line: `comwalk walk`, `dance`, `pattern`, `figures` and so on.
 
 This module only finds the command and turns errors into one line; what the commands
-do, and all that takes time to import, is in `commands`.
+do, and all that takes time to import, is in `commands` and the modules named like it.
 """
 
 from __future__ import annotations
@@ -22,27 +22,47 @@ COMPLETED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
 stopped it."""
 
 _COMMANDS = {
-    "walk": "Walk in physics: with no arguments the paper's gait, 20 steps.",
-    "check": "Tell whether a robot is able to walk so, and what is nearest to a limit.",
-    "dance": "Dance with both feet on the ground (Fig. 6).",
-    "pattern": "Print the numbers of the walking pattern, Eqs. (4)-(13), Fig. 3.",
-    "figures": "Draw the paper's Figs. 3, 5, 6 and 7, its figures beside ours.",
-    "motions": "List the built-in dances, or describe a motion file.",
-    "robots": "List the robots that are known by name.",
-    "replay": "Summarise a run, or verify it with MuJoCo alone.",
+    "commands": {
+        "walk": "Walk in physics: with no arguments the paper's gait, 20 steps.",
+        "check": "Tell whether a robot is able to walk so, and what is "
+        "nearest to a limit.",
+        "dance": "Dance with both feet on the ground (Fig. 6).",
+        "pattern": "Print the numbers of the walking pattern, Eqs. (4)-(13), Fig. 3.",
+        "figures": "Draw the paper's Figs. 3, 5, 6 and 7, its figures beside ours.",
+        "motions": "List the built-in dances, or describe a motion file.",
+        "robots": "List the robots that are known by name.",
+        "replay": "Summarise a run, or verify it with MuJoCo alone.",
+    },
+    "robot_commands": {
+        "robot": "Tell what was found out about a robot: limbs, soles, servos, gait.",
+    },
+    "certify_commands": {
+        "certify": "Tell what the gains of a robot guarantee, before it moves.",
+    },
+    "identify_commands": {
+        "identify": "Shake the standing robot; tell lag, dead time, compliance "
+        "and noise.",
+    },
+    "log_commands": {
+        "log": "Tell what the log of a run holds, and repair one that was cut off.",
+        "export": "Write the log of a run as CSV, Parquet, or for rosbag2.",
+    },
+    "page_commands": {
+        "report": "Write a run, or two side by side, as one page that works offline.",
+        "film": "Film a run, or take stills of it, without a window.",
+    },
+    "view_commands": {
+        "view": "Look at a run in the browser: scrub through it, with CoM "
+        "and ZMP beside.",
+    },
+    "generate_commands": {
+        "generate": "Write random gaits or dances of a robot as a dataset.",
+    },
+    "bench_commands": {
+        "bench": "Try robots on walks, dances, floors, pushes and loads.",
+    },
 }
-_ROBOT = "Tell what was found out about a robot: limbs, soles, servos, gait."
-_CERTIFY = "Tell what the gains of a robot guarantee, before it moves."
-_LOG = {
-    "log": "Tell what the log of a run holds, and repair one that was cut off.",
-    "export": "Write the log of a run as CSV, Parquet, or for rosbag2.",
-}
-_IDENTIFY = "Shake the standing robot; tell lag, dead time, compliance and noise."
-_VIEW = "Look at a run in the browser: scrub through it, with CoM and ZMP beside."
-_GENERATE = "Write random gaits or dances of a robot as a dataset."
-_BENCH = "Try robots on walks, dances, floors, pushes and loads."
-_REPORT = "Write a run, or two side by side, as one page that works offline."
-_FILM = "Film a run, or take stills of it, without a window."
+"""What each command does, by the module that it is imported from when it is called."""
 _PAIRS = re.compile(r"--gains\.[\w-]+|--disturbance")
 
 
@@ -94,24 +114,9 @@ def _app() -> App:
         version=lambda: metadata.version("comwalk"),
         suppress_keyboard_interrupt=False,
     )
-    for name, text in _COMMANDS.items():
-        app.command(f"{__package__}.commands:{name}", name=name, help=text)
-    app.command(f"{__package__}.robot_commands:robot", name="robot", help=_ROBOT)
-    app.command(
-        f"{__package__}.certify_commands:certify", name="certify", help=_CERTIFY
-    )
-    for name, text in _LOG.items():
-        app.command(f"{__package__}.log_commands:{name}", name=name, help=text)
-    app.command(
-        f"{__package__}.identify_commands:identify", name="identify", help=_IDENTIFY
-    )
-    app.command(f"{__package__}.view_commands:view", name="view", help=_VIEW)
-    app.command(
-        f"{__package__}.generate_commands:generate", name="generate", help=_GENERATE
-    )
-    app.command(f"{__package__}.bench_commands:bench", name="bench", help=_BENCH)
-    app.command(f"{__package__}.page_commands:report", name="report", help=_REPORT)
-    app.command(f"{__package__}.page_commands:film", name="film", help=_FILM)
+    for module, commands in _COMMANDS.items():
+        for name, text in commands.items():
+            app.command(f"{__package__}.{module}:{name}", name=name, help=text)
     return app
 
 

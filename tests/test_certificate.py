@@ -216,10 +216,10 @@ def test_command_prints_verdict_and_table(capsys):
 
 
 def test_command_for_programs_and_files(tmp_path, capsys):
-    words = ["certify", "talos", "--json", "--no-exact", "--out", str(tmp_path)]
+    words = ["certify", "jvrc1", "--json", "--no-exact", "--out", str(tmp_path)]
     assert main([*words, "--loop.servo-lag", "0.03", "--loop.dead-time", "0.003"]) == 0
     numbers = json.loads(capsys.readouterr().out)
-    assert numbers["robot"] == "talos"
+    assert numbers["robot"] == "jvrc1"
     assert numbers["loop"]["servo_lag"] == 0.03
     assert numbers["loop"]["dead_time"] == 0.003
     written = json.loads((tmp_path / "certificate.json").read_text())

@@ -18,7 +18,7 @@ import numpy as np
 
 from .certificate import SoleRoom
 from .control import PAPER_GAINS, ControlSettings, Gains
-from .design import Design, DesignGoal, design
+from .design import Design, DesignGoal, design, rounded
 from .errors import ComwalkError, ParameterError, PlanError, checked_number
 from .feasibility import feasibility
 from .footsteps import PAPER_GAIT, Gait, Side, plan_steps
@@ -151,7 +151,7 @@ def default_gait(
     steps = _steps_at(wanted, natural, changes) if wanted else {}
     given = {**steps, **changes}
     T = checked_number("period", given.get("period", natural.period), unit="s")
-    given.setdefault("transfer_time", _digits(TRANSFER_SHARE * T))
+    given.setdefault("transfer_time", rounded(TRANSFER_SHARE * T))
     gait = replace(natural, **given)
     if robot is None or not gait.turn or "half_width" in changes:
         return gait
@@ -161,7 +161,7 @@ def default_gait(
 def _widened(gait: Gait, size: tuple[float, float]) -> Gait:
     """Return a gait that turns, with feet so far apart that the soles do not meet."""
     for share in _WIDTHS:
-        wider = replace(gait, half_width=_digits(share * gait.half_width))
+        wider = replace(gait, half_width=rounded(share * gait.half_width))
         try:
             plan_steps(wider, 8, sole_size=size)
         except PlanError:
@@ -203,8 +203,8 @@ def similar_gains(pendulum: Pendulum) -> Gains:
     f = pendulum.omega / PAPER_PENDULUM.omega
     k_p, k_c = PAPER_GAINS.walking
     return Gains(
-        zmp=(_digits(f * k_p[0]), _digits(f * k_p[1])),
-        com=(_digits(f * k_c[0]), _digits(f * k_c[1])),
+        zmp=(rounded(f * k_p[0]), rounded(f * k_p[1])),
+        com=(rounded(f * k_c[0]), rounded(f * k_c[1])),
     )
 
 
@@ -248,7 +248,7 @@ def default_control_settings(
         if 0.0 < k_p < k_c
     ]
     stable = [0.5 * f_c for f_c in highest if f_c > 0.0]
-    return replace(usual, zmp_cutoff=_digits(min([cutoff, *stable])))
+    return replace(usual, zmp_cutoff=rounded(min([cutoff, *stable])))
 
 
 def default_control(robot: Robot, *, period: float = 0.002) -> Control:
@@ -350,8 +350,8 @@ def _natural_gait(robot: Robot | None) -> Gait:
         lower = max(share, _LEAST_SWING)
         shorter = replace(
             gait,
-            half_step=_digits(share * gait.half_step),
-            swing_height=_digits(lower * gait.swing_height),
+            half_step=rounded(share * gait.half_step),
+            swing_height=rounded(lower * gait.swing_height),
         )
         if _fits(robot, shorter):
             return shorter
@@ -384,9 +384,9 @@ def _similar_gait(robot: Robot) -> Gait:
     lengths = ("half_step", "swing_height")
     return replace(
         PAPER_GAIT,
-        half_width=_digits(0.5 * max(apart, least)),
-        **{k: _digits(math.sqrt(r) * getattr(PAPER_GAIT, k)) for k in times},
-        **{k: _digits(r * getattr(PAPER_GAIT, k)) for k in lengths},
+        half_width=rounded(0.5 * max(apart, least)),
+        **{k: rounded(math.sqrt(r) * getattr(PAPER_GAIT, k)) for k in times},
+        **{k: rounded(r * getattr(PAPER_GAIT, k)) for k in lengths},
     )
 
 
@@ -421,9 +421,9 @@ def _steps_at(
         hint = f"that is +-{math.degrees(high):.3g} deg/s" if name == "turn" else ""
         v = checked_number(label, value, unit=unit, low=-high, high=high, hint=hint)
         haste = max(haste, abs(v) / slowest)
-    T = _digits(natural.period * haste ** (STEP_EXPONENT - 1.0))
+    T = rounded(natural.period * haste ** (STEP_EXPONENT - 1.0))
     T = checked_number("period", changes.get("period", T), unit="s")
-    steps = {name: _digits(v * T / _SPEEDS[name][2]) for name, v in wanted.items()}
+    steps = {name: rounded(v * T / _SPEEDS[name][2]) for name, v in wanted.items()}
     return {"half_step": 0.0, "period": T, **steps, **_hasty(haste, natural)}
 
 
@@ -431,7 +431,7 @@ def _hasty(haste: float, natural: Gait) -> dict[str, Any]:
     """Return what else changes in a fast gait: lower swings, a smoother ZMP."""
     if haste <= 1.0:
         return {}
-    swing = _digits(natural.swing_height * haste**SWING_EXPONENT)
+    swing = rounded(natural.swing_height * haste**SWING_EXPONENT)
     return {"swing_height": swing, "double_support": "minjerk"}
 
 
@@ -439,11 +439,6 @@ def _axes(gains: Gains) -> Iterator[tuple[float, float]]:
     """Yield k_p and k_c [1/s] of both axes, walking and standing."""
     for k_p, k_c in (gains.walking, gains.standing):
         yield from zip(k_p, k_c, strict=True)
-
-
-def _digits(x: float) -> float:
-    """Return a number rounded to four digits."""
-    return float(f"{x:.4g}")
 
 
 def _floored(x: float) -> float:

@@ -130,7 +130,7 @@ def design(
             f"{1e3 * loop.period:g} ms, servo lag {1e3 * loop.servo_lag:g} ms and "
             f"delay {loop.delay} ticks; shorten the delay, or lower the gain margin"
         )
-    k_p, k_c, cutoff = (_digits(x) for x in best)
+    k_p, k_c, cutoff = (rounded(x) for x in best)
     still_p, still_c = _standing(pendulum, replace(loop, zmp_cutoff=cutoff), goal)
     gains = Gains(
         zmp=(k_p, k_p),
@@ -224,7 +224,7 @@ def _standing(
     ratio = s / (s - 1.0)
     limit = gain_limit(pendulum, k_p, ratio * k_p, loop) / goal.gain_margin
     k_p *= min(1.0, limit)
-    return _digits(k_p), _digits(ratio * k_p)
+    return rounded(k_p), rounded(ratio * k_p)
 
 
 def _filtered(
@@ -250,6 +250,13 @@ def _cutoff(loop: SampledLoop) -> float:
     return math.inf if loop.zmp_cutoff is None else loop.zmp_cutoff
 
 
-def _digits(x: float) -> float:
-    """Return a number rounded to four digits."""
+def rounded(x: float) -> float:
+    """Return a number as people read and repeat it.
+
+    Args:
+        x: Any number.
+
+    Returns:
+        The number to four digits.
+    """
     return float(f"{x:.4g}")

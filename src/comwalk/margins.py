@@ -92,15 +92,12 @@ def margins(pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop) -> Ma
     if spectral_radius(pendulum, k_p, k_c, loop) >= 1.0:
         raise ParameterError("the sampled loop is unstable and has no margins")
 
-    def factor(z: np.ndarray, C: np.ndarray, P: np.ndarray) -> np.ndarray:
-        return -1.0 / loop_gain(k_p, k_c, loop, z, C, P)
-
     def lead(z: np.ndarray, C: np.ndarray, P: np.ndarray) -> np.ndarray:
         """Phase above -pi; its imaginary part vanishes where |L| = 1."""
         L = loop_gain(k_p, k_c, loop, z, C, P)
         return np.mod(np.angle(L) + math.pi, 2.0 * math.pi) + 1j * np.log(np.abs(L))
 
-    factors = [g for _, g in crossings(pendulum, loop, factor) if g > 0.0]
+    factors = _unstable_factors(pendulum, k_p, k_c, loop)
     leads = crossings(pendulum, loop, lead)
     angles, C, P = on_circle(pendulum, loop)
     L = loop_gain(k_p, k_c, loop, np.exp(1j * angles), C, P)
@@ -132,12 +129,18 @@ def gain_limit(pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop) ->
         >>> round(gain_limit(Pendulum(), 3.0, 6.6, SampledLoop()), 2)
         2.14
     """
+    return min(_unstable_factors(pendulum, k_p, k_c, loop), default=math.inf)
+
+
+def _unstable_factors(
+    pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop
+) -> list[float]:
+    """Return the factors on both gains at which a pole is on the unit circle."""
 
     def factor(z: np.ndarray, C: np.ndarray, P: np.ndarray) -> np.ndarray:
         return -1.0 / loop_gain(k_p, k_c, loop, z, C, P)
 
-    found = crossings(pendulum, loop, factor)
-    return min((g for _, g in found if g > 0.0), default=math.inf)
+    return [g for _, g in crossings(pendulum, loop, factor) if g > 0.0]
 
 
 def zmp_sensitivity(

@@ -15,10 +15,10 @@ from threading import Thread
 import viser
 from websockets.sync.client import connect
 
-from comwalk.config import WalkConfig, build_walk
-from comwalk.live import LiveWalk
-from comwalk.live_page import open_live_page
-from comwalk.simulator import build_scene
+from comwalk.cli import LiveWalk, open_live_page
+from comwalk.config import WalkConfig
+from comwalk.setup import build_walk
+from comwalk.walking import build_scene
 
 WARM_UP, MEASURED = 3.0, 10.0  # [s]
 

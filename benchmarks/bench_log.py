@@ -17,9 +17,8 @@ from pathlib import Path
 import numpy as np
 
 import comwalk as cw
-from comwalk.log import Log
-from comwalk.mcap_log import McapLog
-from comwalk.walk import Tick
+from comwalk.control import Tick
+from comwalk.runs import Log, McapLog
 
 
 def timed(function: Callable, spent: list[float], clock: Callable) -> Callable:

@@ -22,14 +22,18 @@ import mujoco
 import numpy as np
 
 import comwalk as cw
-from comwalk.compiled_loop import row_type, scene_arrays
+from comwalk.certificates import walk_pattern
 from comwalk.control import WalkingController
-from comwalk.defaults import walk_pattern
 from comwalk.handles import handle_of
-from comwalk.plant_kernels import command as command_plant
-from comwalk.plant_kernels import feel_step, sense
 from comwalk.run import prepare
-from comwalk.tick import CompiledTick
+from comwalk.walking import (
+    CompiledTick,
+    feel_step,
+    row_type,
+    scene_arrays,
+    sense,
+)
+from comwalk.walking import command as command_plant
 
 PARTS = ("plan", "measure", "law", "act")
 LOOP = ("compiled tick", "set-points and log", "physics", "sensors")

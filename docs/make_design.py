@@ -15,15 +15,25 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from comwalk.certificates import sampled_loop_of
+
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from comwalk.control import Gains
-from comwalk.defaults import default_gait, default_pendulum, similar_gains
-from comwalk.design import DesignGoal, design
-from comwalk.pendulum import PAPER_PENDULUM
+from comwalk.bench import (
+    Case,
+    perform,
+    pushes,
+)
+from comwalk.certificates import (
+    DesignGoal,
+    default_gait,
+    default_pendulum,
+    design,
+    similar_gains,
+)
+from comwalk.control import Control, Gains
+from comwalk.pattern import PAPER_PENDULUM
 from comwalk.robot import load_robot
-from comwalk.settings import Control
-from comwalk.trials import Case, perform, pushes
 
 PAGE = Path(__file__).parent / "certificates.md"
 ROBOTS = ("paper", "talos", "g1")
@@ -42,7 +52,7 @@ class Gained(NamedTuple):
 def sets_of(robot: str) -> Iterator[Gained]:
     """Yield the paper's gains and designed ones, each with its filter."""
     model = load_robot(robot)
-    pendulum, loop = default_pendulum(model), Control().loop()
+    pendulum, loop = default_pendulum(model), sampled_loop_of(Control())
     ours = design(pendulum, loop, DesignGoal(step_time=default_gait(model).period))
     cutoff = 4.0 * pendulum.omega / PAPER_PENDULUM.omega
     for name, gains, f_c in (

@@ -12,28 +12,46 @@ import sys
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from comwalk.certificates import sampled_loop_of
+
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import mujoco
 import numpy as np
 
-from comwalk.config import IdentifyConfig, IdentifySetup, build_identify
-from comwalk.control import ControlOutput, Gains
-from comwalk.defaults import (
+from comwalk.certificates import (
+    SampledLoop,
     default_control_settings,
     default_pendulum,
+    margins,
+    observe,
     similar_gains,
     walk_pattern,
 )
-from comwalk.identification import Identified, identify
-from comwalk.margins import margins
-from comwalk.measured_loop import equivalent_loop, measured_margin
-from comwalk.observed import observe
-from comwalk.response_plot import plot_identified
-from comwalk.robot import Robot, load_robot
+from comwalk.certificates.identification import (
+    Identified,
+    equivalent_loop,
+    identify,
+    measured_margin,
+)
+from comwalk.config import IdentifyConfig
+from comwalk.control import (
+    Control,
+    ControlOutput,
+    Gains,
+    Push,
+    SimulatorSettings,
+)
+from comwalk.robot import (
+    Robot,
+    load_robot,
+)
 from comwalk.run import simulate
-from comwalk.sampled import SampledLoop
-from comwalk.settings import Control, Push, SimulatorSettings
+from comwalk.setup import (
+    IdentifySetup,
+    build_identify,
+)
+from comwalk.views import plot_identified
 
 ROBOTS = ("paper", "talos", "g1")
 LATE = 0.010
@@ -306,7 +324,9 @@ def observed_rows(robot: str) -> list[str]:
         force = (0.0, push * loaded.mass * loaded.gravity, 0.0)
         pushes = (Push(start=PUSH_TIME, force=force),) if push else ()
         run = simulate(loaded, pattern, physics=SimulatorSettings(pushes=pushes))
-        axes = observe(run.log.columns, pattern.pendulum, control.gains, control.loop())
+        axes = observe(
+            run.log.columns, pattern.pendulum, control.gains, sampled_loop_of(control)
+        )
         for x in axes:
             pairs = []
             for c in (x.ideal, x.loop):

@@ -10,23 +10,29 @@ import dataclasses
 import math
 from pathlib import Path
 
-from comwalk.gl import choose_backend
+from comwalk.views import choose_backend
 
 choose_backend()  # before anything imports mujoco
 
-from comwalk.config import (  # noqa: E402
+from comwalk.cli import draw_figures
+from comwalk.config import (
     CertifyConfig,
     DanceConfig,
     Given,
     WalkConfig,
+)
+from comwalk.pattern import Gait
+from comwalk.setup import (
     build_certificate,
     build_dance,
     build_walk,
 )
-from comwalk.figures import draw_figures  # noqa: E402
-from comwalk.footsteps import Gait  # noqa: E402
-from comwalk.gain_plane import plot_gain_plane  # noqa: E402
-from comwalk.render import View, render_run, still  # noqa: E402
+from comwalk.views import (
+    View,
+    plot_gain_plane,
+    render_run,
+    still,
+)
 
 FILM = View(width=480, height=432, shadows=True, smooth=2, distance=1.6)
 """Camera of the animations."""

@@ -17,15 +17,18 @@ import tempfile
 from html import unescape
 from pathlib import Path
 
-from comwalk.gl import choose_backend
+from comwalk.views import choose_backend
 
 choose_backend()  # before anything imports mujoco
 
 from latex2mathml.converter import convert  # noqa: E402
 
-from comwalk.cli import main as comwalk  # noqa: E402
-from comwalk.errors import ComwalkError  # noqa: E402
-from comwalk.model_files import ROBOTS, read_model  # noqa: E402
+from comwalk.cli import main as comwalk
+from comwalk.errors import ComwalkError
+from comwalk.robot.loaders import (
+    ROBOTS,
+    read_model,
+)
 
 ROOT = Path(__file__).parent.parent
 SOURCE = ROOT / "src" / "comwalk"

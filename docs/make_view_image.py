@@ -15,10 +15,10 @@ from threading import Thread
 from PIL import Image
 from playwright.sync_api import sync_playwright
 
-from comwalk.config import WalkConfig, build_walk
-from comwalk.live import LiveWalk
-from comwalk.live_page import open_live_page
-from comwalk.simulator import build_scene
+from comwalk.cli import LiveWalk, open_live_page
+from comwalk.config import WalkConfig
+from comwalk.setup import build_walk
+from comwalk.walking import build_scene
 
 FLAGS = "--no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader"
 MOMENT = 7.15

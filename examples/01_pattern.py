@@ -6,7 +6,7 @@
 import numpy as np
 
 import comwalk as cw
-from comwalk.plot import plot_pattern
+from comwalk.views import plot_pattern
 
 plan = cw.plan_steps(cw.Gait(half_step=0.1, turn=0.1), 8)  # a curve, 0.1 rad a step
 pattern = cw.make_pattern(plan, cw.Pendulum(height=0.687))

@@ -6,8 +6,12 @@
 import numpy as np
 
 import comwalk as cw
-from comwalk.plant import random_bounded
-from comwalk.stability import is_hurwitz, proof_condition, worst_case
+from comwalk.certificates import (
+    is_hurwitz,
+    proof_condition,
+    worst_case,
+)
+from comwalk.control import random_bounded
 
 pendulum = cw.Pendulum(height=0.687)
 gains = cw.Gains(zmp=3.0, com=6.6, standing_zmp=3.0, standing_com=6.6)

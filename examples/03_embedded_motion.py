@@ -5,8 +5,9 @@
 
 import numpy as np
 
-from comwalk.config import DanceConfig, build_dance
-from comwalk.settings import BodySettings
+from comwalk.config import DanceConfig
+from comwalk.control import BodySettings
+from comwalk.setup import build_dance
 
 for embed in (True, False):
     body = BodySettings(embed_motion=embed)

@@ -5,8 +5,7 @@
 
 import comwalk as cw
 from comwalk.control import WalkingController
-from comwalk.simulator import SimulatedRobot
-from comwalk.whole_body import WholeBody
+from comwalk.walking import SimulatedRobot, WholeBody
 
 period = 0.002  # [s]
 robot = cw.load_robot("paper")

@@ -6,7 +6,7 @@
 import sys
 
 import comwalk as cw
-from comwalk.feasibility import feasibility
+from comwalk.certificates import feasibility
 
 source = sys.argv[1] if len(sys.argv) == 2 else "jvrc1"  # a file, or a name
 robot = cw.load_robot(source)

@@ -6,12 +6,13 @@
 import sys
 
 import comwalk as cw
-from comwalk.control import WalkingController
-from comwalk.defaults import default_control, sole_size
-from comwalk.replanning import OnlinePattern
-from comwalk.simulator import SimulatedRobot
-from comwalk.walk import walk
-from comwalk.whole_body import WholeBody
+from comwalk.certificates import (
+    default_control,
+    sole_size,
+)
+from comwalk.control import WalkingController, walk
+from comwalk.pattern import OnlinePattern
+from comwalk.walking import SimulatedRobot, WholeBody
 
 robot = cw.load_robot(sys.argv[1] if len(sys.argv) > 1 else "paper")
 gait, control = cw.default_gait(robot), default_control(robot)

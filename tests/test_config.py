@@ -11,31 +11,46 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robots import paper
 
+from comwalk.certificates.defaults import default_gait
 from comwalk.config import (
     DanceConfig,
     Given,
     PatternConfig,
     WalkConfig,
-    build_dance,
-    build_walk,
     command_line,
     fields_of,
-    is_motion_file,
     make_config,
     parse_push,
     read_table,
-    robot_dance,
     table_of,
 )
-from comwalk.control import Gains
-from comwalk.defaults import default_gait
-from comwalk.errors import ComwalkError, MotionError, ParameterError, PlanError
-from comwalk.footsteps import Foothold, FootstepPlan, Gait, Side
-from comwalk.motion import prepare_motion
-from comwalk.pattern import Phase, make_pattern
-from comwalk.pendulum import Pendulum
-from comwalk.settings import Control
-from comwalk.whole_body import WholeBody
+from comwalk.control.law import Gains
+from comwalk.control.settings import Control
+from comwalk.embedding.motion import prepare_motion
+from comwalk.errors import (
+    ComwalkError,
+    MotionError,
+    ParameterError,
+    PlanError,
+)
+from comwalk.pattern.footsteps import (
+    Foothold,
+    FootstepPlan,
+    Gait,
+)
+from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.walk_pattern import (
+    Phase,
+    make_pattern,
+)
+from comwalk.setup import (
+    build_dance,
+    build_walk,
+    is_motion_file,
+    robot_dance,
+)
+from comwalk.sides import Side
+from comwalk.walking.whole_body import WholeBody
 
 
 def write(path, text):
@@ -311,7 +326,7 @@ def test_a_given_number_is_checked_alone():
 
 def other(monkeypatch, **changes):
     """Let the commands load a robot that is the paper's with some changes."""
-    from comwalk import robot
+    from comwalk.robot import model as robot
 
     changed = replace(paper(), **changes)
     monkeypatch.setattr(robot, "load_robot", lambda *a, **k: changed)
@@ -384,7 +399,7 @@ def test_a_dance_uses_the_joints_of_the_roles(monkeypatch):
 
 
 def test_a_profile_is_given_to_the_loader(monkeypatch):
-    from comwalk import robot
+    from comwalk.robot import model as robot
 
     def load(source, **options):
         assert options == {"stiffness": 1.0, "profile": "mine.toml"}

@@ -14,8 +14,7 @@ import mujoco
 import numpy as np
 from problem import Problem
 
-from comwalk.resolution import resolve_by_elimination
-from comwalk.resolver import Resolver
+from comwalk.embedding import Resolver, resolve_by_elimination
 from comwalk.robot import Kinematics
 
 Tick = Callable[[int], np.ndarray]
@@ -56,7 +55,7 @@ def as_it_is(k: int, v: np.ndarray) -> np.ndarray:
 
 def compiled(problem: Problem) -> tuple[Tick, Read]:
     """Prepare the compiled kinematics and resolution."""
-    from comwalk.fast import FastResolver
+    from comwalk.robot import FastResolver
 
     robot, rows = problem.robot, tuple(range(6))
     fast = FastResolver(robot, dict.fromkeys(problem.ends, rows))

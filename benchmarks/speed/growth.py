@@ -20,9 +20,9 @@ from measure import interleaved
 from problem import Problem, make_problem
 
 import comwalk as cw
-from comwalk.batch import BatchResolver
-from comwalk.model_files import read_model
-from comwalk.monte_carlo import monte_carlo
+from comwalk.certificates import monte_carlo
+from comwalk.robot import BatchResolver
+from comwalk.robot.loaders import read_model
 
 FINGERS = (0, 10, 30, 90)
 """Joints that a robot is given more."""

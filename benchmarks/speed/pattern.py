@@ -18,11 +18,16 @@ from scipy.linalg import solve_discrete_are
 
 import comwalk as cw
 from comwalk.compiled import kernel
-from comwalk.footsteps import Side
-from comwalk.lookup import fill_reference
-from comwalk.planning import WORK_COLUMNS, fill_plan
-from comwalk.replanning import OnlinePattern
-from comwalk.rows import COM, PHASE_SIZE, ROW_SIZE
+from comwalk.pattern import (
+    COM,
+    PHASE_SIZE,
+    ROW_SIZE,
+    WORK_COLUMNS,
+    OnlinePattern,
+    fill_plan,
+    fill_reference,
+)
+from comwalk.sides import Side
 
 STEPS = (1, 4, 20, 100, 1000, 10000)
 WALK = 20

@@ -21,10 +21,20 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from comwalk.footsteps import Side
-from comwalk.resolution import CartesianMotion, JointMotion, Task, sigma_min
-from comwalk.resolver import Resolver
-from comwalk.robot import LEGS, Kinematics, Robot, load_robot
+from comwalk.embedding import (
+    CartesianMotion,
+    JointMotion,
+    Resolver,
+    Task,
+    sigma_min,
+)
+from comwalk.robot import (
+    LEGS,
+    Kinematics,
+    Robot,
+    load_robot,
+)
+from comwalk.sides import Side
 
 ROBOTS = ("jvrc1", "talos", "g1")
 TASKS = ("hands", "arms")

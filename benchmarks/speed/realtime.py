@@ -19,16 +19,19 @@ from typing import Any
 import numpy as np
 
 import comwalk as cw
-from comwalk.control import WalkingController
-from comwalk.defaults import default_control
+from comwalk.certificates import default_control
+from comwalk.control import (
+    Command,
+    Outcome,
+    Plant,
+    Sensors,
+    WalkingController,
+    completed,
+    walk,
+)
+from comwalk.embedding import bounded_solver
 from comwalk.pattern import Pattern
-from comwalk.plant import Command, Plant, Sensors
-from comwalk.resolver import bounded_solver
-from comwalk.simulator import SimulatedRobot
-from comwalk.tick import CompiledTick
-from comwalk.tick_kernels import DONE
-from comwalk.walk import Outcome, completed, walk
-from comwalk.whole_body import WholeBody
+from comwalk.walking import DONE, CompiledTick, SimulatedRobot, WholeBody
 
 SPIN = 2e-4
 """How long before a deadline it stops sleeping and looks at the clock [s]."""

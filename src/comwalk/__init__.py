@@ -16,80 +16,46 @@ The names here are what most users need; each is imported when it is first used.
 else is in the modules, whose docstrings name the equations that they hold.
 """
 
-from __future__ import annotations
-
-from importlib import import_module, metadata
+from importlib import metadata
 from typing import TYPE_CHECKING, Any
 
+from .lazy import exports_of
+
 if TYPE_CHECKING:
-    from .certificate import certify as certify
+    from .certificates import certify as certify
+    from .certificates import default_gains as default_gains
+    from .certificates import default_gait as default_gait
+    from .certificates import default_pendulum as default_pendulum
+    from .certificates import walk_pattern as walk_pattern
+    from .control import BodySettings as BodySettings
+    from .control import Control as Control
     from .control import ControlSettings as ControlSettings
     from .control import Gains as Gains
-    from .dances import builtin_motion as builtin_motion
-    from .defaults import default_gains as default_gains
-    from .defaults import default_gait as default_gait
-    from .defaults import default_pendulum as default_pendulum
-    from .defaults import walk_pattern as walk_pattern
+    from .control import Outcome as Outcome
+    from .control import Push as Push
+    from .control import SimulatorSettings as SimulatorSettings
+    from .embedding import builtin_motion as builtin_motion
+    from .embedding import embed_in as embed_in
+    from .embedding import load_motion as load_motion
     from .errors import ComwalkError as ComwalkError
-    from .footsteps import Foothold as Foothold
-    from .footsteps import Footstep as Footstep
-    from .footsteps import FootstepPlan as FootstepPlan
-    from .footsteps import Gait as Gait
-    from .footsteps import load_plan as load_plan
-    from .footsteps import plan_steps as plan_steps
-    from .motion import embed_in as embed_in
-    from .motion_files import load_motion as load_motion
+    from .pattern import Foothold as Foothold
+    from .pattern import Footstep as Footstep
+    from .pattern import FootstepPlan as FootstepPlan
+    from .pattern import Gait as Gait
     from .pattern import Pattern as Pattern
+    from .pattern import Pendulum as Pendulum
+    from .pattern import load_plan as load_plan
     from .pattern import make_pattern as make_pattern
-    from .pendulum import Pendulum as Pendulum
+    from .pattern import plan_steps as plan_steps
     from .robot import Robot as Robot
     from .robot import load_robot as load_robot
     from .run import Run as Run
     from .run import simulate as simulate
     from .run import simulate_pendulum as simulate_pendulum
-    from .settings import BodySettings as BodySettings
-    from .settings import Control as Control
-    from .settings import Push as Push
-    from .settings import SimulatorSettings as SimulatorSettings
-    from .walk import Outcome as Outcome
 
-_PUBLIC = {
-    "certificate": ("certify",),
-    "control": ("ControlSettings", "Gains"),
-    "errors": ("ComwalkError",),
-    "footsteps": (
-        "Foothold",
-        "Footstep",
-        "FootstepPlan",
-        "Gait",
-        "load_plan",
-        "plan_steps",
-    ),
-    "dances": ("builtin_motion",),
-    "defaults": ("default_gains", "default_gait", "default_pendulum", "walk_pattern"),
-    "motion": ("embed_in",),
-    "motion_files": ("load_motion",),
-    "pattern": ("Pattern", "make_pattern"),
-    "pendulum": ("Pendulum",),
-    "robot": ("Robot", "load_robot"),
-    "run": ("Run", "simulate", "simulate_pendulum"),
-    "settings": ("BodySettings", "Control", "Push", "SimulatorSettings"),
-    "walk": ("Outcome",),
-}
-_HOMES = {name: module for module, names in _PUBLIC.items() for name in names}
+_export, __dir__ = exports_of(__name__, __file__)
 
 
 def __getattr__(name: str) -> Any:
-    """Import a public name when it is first used."""
-    if name == "__version__":
-        return metadata.version(__name__)
-    if name not in _HOMES:
-        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    value = getattr(import_module(f".{_HOMES[name]}", __name__), name)
-    globals()[name] = value
-    return value
-
-
-def __dir__() -> list[str]:
-    """Return the public names, and those that every module has."""
-    return sorted({*_HOMES, "__version__", *globals()})
+    """Import a public name, or look up the version, when it is first used."""
+    return metadata.version(__name__) if name == "__version__" else _export(name)

@@ -1,81 +1,36 @@
-"""One way to compile the inner loops: numba, where it is installed.
+"""Kernels: plain functions of numbers and arrays, compiled by numba on their first call.
 
-A kernel is a plain function of numbers and arrays. It is compiled when it is first
-called, kept on disk for the next process, and runs uncompiled without numba: slower,
-with the same result.
-
-Importing numba takes longer than a short command does, so a module of kernels is
-imported where it is used, never at the top of another module.
+A kernel stands beside the object that it computes for and is the only code of its
+formula. Its result is kept on disk for the next process. numba itself is imported on
+the first call of a kernel, since that import takes longer than a short command; so
+modules with kernels may be imported anywhere. With the environment variable
+NUMBA_DISABLE_JIT=1 kernels run as plain Python, for debuggers and coverage.
 """
 
 from __future__ import annotations
 
+import functools
 import logging
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
-_Kernel = TypeVar("_Kernel", bound=Callable[..., Any])
-
-try:
-    import numba
-    from numba.core import event
-except ImportError:
-    numba = None
-else:
-
-    class _Announcer(event.Listener):
-        """Says once that compiling takes a while; loading from disk it keeps quiet."""
-
-        said = False
-
-        def on_start(self, event: Any) -> None:
-            """Say it, if it is one of our kernels that is compiled."""
-            module = event.data["dispatcher"].py_func.__module__
-            if not self.said and module.startswith(f"{__package__}."):
-                self.said = True
-                logging.getLogger(__package__).warning(_COMPILING)
-
-        def on_end(self, event: Any) -> None:
-            """Say nothing."""
-
-    event.register("numba:compile", _Announcer())
-
+_Function = TypeVar("_Function", bound=Callable[..., Any])
 _COMPILING = "comwalk: compiling for this machine, once; it takes half a minute"
 
-parallel_range = range if numba is None else numba.prange
-"""The range of the outer loop of a batch, whose rounds may run side by side."""
 
-COMPILES = numba is not None
-"""Whether kernels are compiled here."""
-
-
-def kernel(function: _Kernel) -> _Kernel:
-    """Return a function compiled on its first call, with its result kept on disk.
+def kernel(function: _Function) -> _Function:
+    """Return a function that is compiled on its first call.
 
     Args:
-        function: A function of numbers and arrays alone.
+        function: A function of numbers and arrays alone; it may call other kernels.
 
     Returns:
-        The compiled function; the function itself without numba.
+        A `Kernel`, which is called like the function.
     """
-    if numba is None:
-        return function
-    compiled = numba.njit(cache=True, error_model="numpy", no_cfunc_wrapper=True)
-    return cast(_Kernel, compiled(function))
+    return cast(_Function, Kernel(function, no_cfunc_wrapper=True))
 
 
-def load(compiled: Any, *arguments: Any) -> None:
-    """Load a kernel from disk, or compile it, without calling it.
-
-    Args:
-        compiled: The kernel.
-        arguments: What it is going to be called with.
-    """
-    if numba is not None:
-        compiled.compile(tuple(numba.typeof(argument) for argument in arguments))
-
-
-def batch_kernel(function: _Kernel) -> _Kernel:
+def batch_kernel(function: _Function) -> _Function:
     """Return a function compiled like a kernel, whose outer loop uses all cores.
 
     Its result does not depend on the number of cores.
@@ -84,9 +39,88 @@ def batch_kernel(function: _Kernel) -> _Kernel:
         function: A function of numbers and arrays with a loop over `parallel_range`.
 
     Returns:
-        The compiled function; the function itself without numba.
+        A `Kernel`, which is called like the function.
     """
-    if numba is None:
-        return function
-    compiled = numba.njit(cache=True, error_model="numpy", parallel=True)
-    return cast(_Kernel, compiled(function))
+    return cast(_Function, Kernel(function, parallel=True))
+
+
+class Kernel:
+    """A function that numba compiles when it is first called. Final."""
+
+    def __init__(self, function: Callable[..., Any], **options: Any) -> None:
+        """Keep the function for later.
+
+        Args:
+            function: What to compile.
+            options: More options of `numba.njit`.
+        """
+        functools.update_wrapper(self, function)
+        self.py_func = function
+        """The function as it is written."""
+        self._options = options
+
+    @functools.cached_property
+    def dispatcher(self) -> Callable[..., Any]:
+        """The compiled function, for callers that count every 0.1 us."""
+        import numba
+
+        _announce_compiling()
+        compiled = numba.njit(cache=True, error_model="numpy", **self._options)
+        return compiled(self.py_func)
+
+    def __call__(self, *arguments: Any) -> Any:
+        """Call the compiled function."""
+        return self.dispatcher(*arguments)
+
+    @property
+    def _numba_type_(self) -> Any:
+        """The type by which kernels that call this one know it."""
+        import numba
+
+        return numba.typeof(self.dispatcher)
+
+
+def load(compiled: Any, *arguments: Any) -> Callable[..., Any]:
+    """Load a kernel from disk, or compile it, without calling it.
+
+    Args:
+        compiled: The kernel.
+        arguments: What it is going to be called with.
+
+    Returns:
+        What to call in a loop: the compiled function itself.
+    """
+    import numba
+
+    if not numba.config.DISABLE_JIT:
+        compiled.dispatcher.compile(tuple(numba.typeof(x) for x in arguments))
+    return compiled.dispatcher
+
+
+@functools.cache
+def _announce_compiling() -> None:
+    """Have numba say once that compiling takes a while; loading stays quiet."""
+    from numba.core import event
+
+    class Announcer(event.Listener):
+        said = False
+
+        def on_start(self, event: Any) -> None:
+            module = event.data["dispatcher"].py_func.__module__
+            if not self.said and module.startswith(f"{__package__}."):
+                self.said = True
+                logging.getLogger(__package__).warning(_COMPILING)
+
+        def on_end(self, event: Any) -> None:
+            pass
+
+    event.register("numba:compile", Announcer())
+
+
+def __getattr__(name: str) -> Any:
+    """Return `parallel_range`: the range of a batch kernel's outer loop."""
+    if name != "parallel_range":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    import numba
+
+    return numba.prange

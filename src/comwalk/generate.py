@@ -18,18 +18,37 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .config import robot_dance
-from .control import ControlOutput
-from .dances import BUILTIN_MOTIONS
-from .defaults import default_gait, default_pendulum, sole_size
-from .errors import ParameterError, PlanError, checked_number
-from .footsteps import Foothold, FootstepPlan, checked_count, plan_steps
-from .log import save_columns
-from .motion import EmbeddedMotion, embed_in, fitted
-from .pattern import Pattern, Phase, Reference, make_pattern
+from .certificates import (
+    default_gait,
+    default_pendulum,
+    sole_size,
+)
+from .control import BodySettings, ControlOutput
+from .embedding import (
+    BUILTIN_MOTIONS,
+    EmbeddedMotion,
+    embed_in,
+    fitted,
+)
+from .errors import (
+    ParameterError,
+    PlanError,
+    checked_number,
+)
+from .pattern import (
+    Foothold,
+    FootstepPlan,
+    Pattern,
+    Phase,
+    Reference,
+    checked_count,
+    make_pattern,
+    plan_steps,
+)
 from .robot import Robot
-from .settings import BodySettings
-from .whole_body import WholeBody
+from .runs import save_columns
+from .setup import robot_dance
+from .walking import WholeBody
 
 Kind = Literal["gaits", "dances"]
 """What is generated."""

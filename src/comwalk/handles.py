@@ -16,11 +16,9 @@ import numpy as np
 from numba.core import cgutils, types
 from numba.extending import intrinsic
 
-from .flat import LIMB, LINK, SITE, WANTED, Flat
-
 _FLOAT = np.dtype(np.float64)
 # Put into the callers: compiled by themselves, there would be one for each number k.
-_inlined = numba.njit(inline="always")
+inlined = numba.njit(inline="always")
 
 
 def handle_of(*arrays: np.ndarray) -> np.ndarray:
@@ -46,7 +44,7 @@ def _pointer(context: Any, address: Any) -> Any:
     return types.voidptr(types.int64), generate
 
 
-@_inlined
+@inlined
 def records_at(handle: np.ndarray, k: int, dtype: Any) -> np.ndarray:
     """Return the k-th array of a handle.
 
@@ -62,29 +60,13 @@ def records_at(handle: np.ndarray, k: int, dtype: Any) -> np.ndarray:
     return numba.carray(_pointer(address), (count,), dtype)  # ty: ignore[missing-argument]
 
 
-@_inlined
+@inlined
 def floats_at(handle: np.ndarray, k: int) -> np.ndarray:
     """Return the k-th array of a handle, numbers."""
     return records_at(handle, k, _FLOAT)
 
 
-@_inlined
+@inlined
 def record_at(address: int, dtype: Any) -> np.ndarray:
     """Return one record at an address, as an array of one."""
     return numba.carray(_pointer(address), (1,), dtype)  # ty: ignore[missing-argument]
-
-
-@_inlined
-def flat_at(handle: np.ndarray) -> Flat:
-    """Return the robot that the first three arrays of a handle are."""
-    return Flat(
-        records_at(handle, 0, LINK),
-        records_at(handle, 1, LIMB),
-        records_at(handle, 2, SITE),
-    )
-
-
-@_inlined
-def wanted_at(handle: np.ndarray) -> np.ndarray:
-    """Return what is wanted of the whole body: the fourth array of a handle."""
-    return records_at(handle, 3, WANTED)

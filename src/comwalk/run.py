@@ -5,68 +5,56 @@ from __future__ import annotations
 import dataclasses
 import json
 import math
-import platform
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import metadata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import mujoco
 import numpy as np
 
-from .closed_loop import loop_of
-from .control import ControlSettings, WalkingController
-from .defaults import default_control
-from .errors import ParameterError, PlanError, RunError
-from .feasibility import check_feasible
-from .log import Log, save_columns
-from .mcap_log import MCAP_NAME, Recorder, save_mcap
-from .motion import EmbeddedMotion
+from .certificates import check_control, check_feasible, default_control
+from .control import (
+    Body,
+    Control,
+    ControlSettings,
+    Disturbance,
+    PendulumPlant,
+    Plant,
+    PointBody,
+    Progress,
+    SimulatorSettings,
+    WalkingController,
+    Watch,
+    no_disturbance,
+)
+from .embedding import EmbeddedMotion
+from .errors import (
+    ParameterError,
+    PlanError,
+    RunError,
+)
 from .pattern import Pattern
-from .plant import Disturbance, PendulumPlant, Plant, no_disturbance
-from .recording import load_recording
 from .robot import Robot
-from .settings import Control, SimulatorSettings
-from .simulator import SimulatedRobot
-from .summary import summarize
-from .walk import Outcome, Progress, Watch
-from .whole_body import Body, PointBody, WholeBody
+from .runs import (
+    MCAP_NAME,
+    Log,
+    Recorder,
+    RunData,
+    save_columns,
+    save_mcap,
+)
+from .views import load_recording
+from .walking import SimulatedRobot, WholeBody, loop_of
 
 if TYPE_CHECKING:
-    from .page import WebPage
+    from .views import WebPage
 
 
 @dataclass(frozen=True, eq=False)
-class Run:
+class Run(RunData):
     """What happened when a pattern was walked. Made by `simulate`."""
-
-    outcome: Outcome
-    """How, when and why it ended."""
-    log: Log
-    """One row per control period."""
-    pattern: Pattern
-    """What was to be walked."""
-    seconds: float
-    """Wall-clock time of the whole run [s]."""
-    settings: dict[str, Any]
-    """Everything that the run was made with, as plain numbers and names."""
-    robot: Robot | None = None
-    """The robot; None for the simplified model."""
-    scene: mujoco.MjModel | None = None
-    """The compiled model of the simulation; None for the simplified model."""
-    substeps: int = 1
-    """Physics steps per control period."""
-    recording: Path | None = None
-    """Log of ROS 2 messages that was written while it ran."""
-
-    def summary(self) -> dict[str, Any]:
-        """Return the figures of the run, with units in their names."""
-        figures = summarize(
-            self.log, self.pattern, self.outcome, self.seconds, self.robot
-        )
-        return {**figures, "versions": versions(), "settings": self.settings}
 
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw CoM and ZMP over time, as in Fig. 7, or as in Fig. 6 for a dance.
@@ -80,7 +68,10 @@ class Run:
         Raises:
             RunError: If the picture cannot be written.
         """
-        from .plot import plot_dance, plot_run
+        from .views import (
+            plot_dance,
+            plot_run,
+        )
 
         return (
             plot_run(self, path) if self.pattern.plan.steps else plot_dance(self, path)
@@ -96,14 +87,14 @@ class Run:
         Raises:
             RunError: If the run has no rows.
         """
-        from .report import report
+        from .views import report
 
         return report(self)
 
     def _repr_html_(self) -> str:
         """Return the summary and figures, for a notebook."""
-        from .page import notebook_html
-        from .record import record_of
+        from .runs import record_of
+        from .views import notebook_html
 
         return notebook_html(record_of(self))
 
@@ -168,14 +159,6 @@ def prepare_folder(folder: str | Path) -> Path:
             f"cannot write the folder {path}: {error.strerror}; choose another by --out"
         ) from None
     return path
-
-
-def versions() -> dict[str, str]:
-    """Return the versions that a run depends on."""
-    names = ("comwalk", "mujoco", "numpy", "scipy")
-    return {n: metadata.version(n) for n in names} | {
-        "python": platform.python_version()
-    }
 
 
 def simulate(
@@ -296,7 +279,7 @@ def prepare(
     control = control or default_control(robot)
     _check_pushes(pattern, physics)
     _check_gravity(robot, pattern)
-    control.check(pattern)
+    check_control(control, pattern.pendulum)
     if not force:
         check_feasible(robot, pattern, motion)
     plant = SimulatedRobot(
@@ -350,7 +333,7 @@ def simulate_pendulum(
         ParameterError: If the gains are unstable.
     """
     control = control or Control()
-    control.check(pattern, servo_lag)
+    check_control(control, pattern.pendulum, servo_lag)
     plant = PendulumPlant(
         pattern.pendulum,
         period=control.period,

@@ -1,0 +1,633 @@
+"""What comwalk is tried with: walks, dances, disturbances and limits, as data.
+
+A `Case` says in a robot's own measures what is to be done, so that one list of cases
+serves all robots; `perform` does it with one of them and returns plain numbers. A fall,
+and a robot or a plan that comwalk refuses, are results like others.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from ..certificates import (
+    SIDE_STEP,
+    default_gait,
+)
+from ..config import (
+    DanceConfig,
+    WalkConfig,
+    make_config,
+)
+from ..control import End, Push
+from ..errors import (
+    ComwalkError,
+    ParameterError,
+    PlanError,
+)
+from ..pattern import (
+    PAPER_GAIT,
+    Gait,
+    Pattern,
+    Phase,
+    foot_poses,
+    make_pattern,
+    plan_segments,
+)
+from ..robot import (
+    Robot,
+    load_robot,
+)
+from ..run import (
+    Run,
+    plain,
+)
+from ..setup import (
+    Setup,
+    build_dance,
+    build_walk,
+)
+from ..sides import Side
+
+Keys = Mapping[str, Any]
+"""Values by dotted key of a configuration, such as {"gains.zmp": (0.0, 0.0)}."""
+
+Way = Literal["forward", "back", "inward", "outward"]
+"""Where a push goes: outward is over the outer edge of the supporting sole."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Shove:
+    """A push on the trunk in single support, as a step in the CoM's velocity."""
+
+    way: Way
+    """Where it goes."""
+    share: float
+    """When it begins: share of the single support [-], in [0, 1)."""
+    speed: float = 0.0
+    """Impulse by mass [m/s]."""
+    step: int = 4
+    """In the single support of which step, from 1."""
+    duration: float = 0.1
+    """How long it lasts [s]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Case:
+    """One thing to do, in the measures of whatever robot does it."""
+
+    name: str
+    """Name; its first word is the group that it is chosen and shown with."""
+    task: Literal["walk", "dance", "speed", "push", "about"] = "walk"
+    """Walk or dance once; find the largest speed or push; or describe the robot."""
+    steps: int = 20
+    """Number of steps."""
+    forward: float = 1.0
+    """Length of the steps, in natural steps forward."""
+    sideways: float = 0.0
+    """Shift per step, in natural steps to the left."""
+    turn: float = 0.0
+    """Turn per step, left positive [rad]."""
+    haste: float = 1.0
+    """Speed, in natural speeds; beyond 1, steps get longer and quicker."""
+    stops: bool = False
+    """Whether the robot stops on the way, and starts again."""
+    shove: Shove | None = None
+    """A push on the way."""
+    tolerance: float = 0.02
+    """How exactly a largest speed [natural speeds] or push [m/s] is found."""
+    keys: Keys = field(default_factory=dict)
+    """More keys of the configuration."""
+
+    @property
+    def group(self) -> str:
+        """The first word of the name."""
+        return self.name.split()[0]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Ablation:
+    """A controller other than the default one, to compare."""
+
+    name: str
+    """Name, for tables."""
+    changes: Keys
+    """Keys of the configuration that differ."""
+
+    def of(self, case: Case) -> Case:
+        """Return a case as this controller does it."""
+        return dataclasses.replace(case, keys={**case.keys, **self.changes})
+
+
+DEFAULT = Ablation(name="default", changes={})
+"""The controller as it comes."""
+
+OPEN_LOOP = Ablation(
+    name="open loop", changes={"gains.zmp": (0.0, 0.0), "gains.com": (0.0, 0.0)}
+)
+"""The pattern alone, without feedback of CoM and ZMP."""
+
+ABLATIONS = (
+    OPEN_LOOP,
+    Ablation(name="no IMU", changes={"body.imu": False}),
+    Ablation(name="no landing", changes={"body.landing": 0.0}),
+    Ablation(name="no rolling", changes={"body.rolling": 0.0}),
+    Ablation(name="no weighing", changes={"body.calibration": False}),
+    Ablation(name="point mass", changes={"pendulum.inertia": 0.0}),
+    Ablation(name="no deflection", changes={"body.deflection_compensation": False}),
+    Ablation(
+        name="paper",
+        changes={
+            "body.imu": False,
+            "body.landing": 0.0,
+            "body.rolling": 0.0,
+            "body.calibration": False,
+            "pendulum.inertia": 0.0,
+            "body.deflection_compensation": False,
+        },
+    ),
+)
+"""Each takes something away from the controller, the last all but the paper's law."""
+
+
+# ---- The list ---------------------------------------------------------------------
+
+TUNING_SEEDS, REPORT_SEEDS = range(20), range(100, 120)
+"""Seeds of rough floors: to choose settings by, and to report. Nothing is ever chosen
+by the second, so that what is reported holds for floors that nobody has seen."""
+
+WALKS = (
+    Case(name="forward"),
+    Case(name="back", forward=-1.0, steps=10),
+    Case(name="sideways", forward=0.0, sideways=1.0, steps=10),
+    Case(name="turn", forward=0.0, turn=math.tau / 20),
+    Case(name="curve", turn=math.radians(15.0), steps=12),
+    Case(name="stop-and-go", stops=True, steps=6),
+    Case(name="dance", task="dance", keys={"frequency": 1.0}),
+    Case(
+        name="walk-and-dance",
+        steps=10,
+        keys={"motion": "disco", "motion_frequency": 1.0},
+    ),
+)
+"""What every robot should be able to do on a flat floor."""
+
+_MILD = {"simulator.noise": 1.0, "simulator.latency": 0.004, "simulator.friction": 0.5}
+
+DISTURBED = (
+    Case(name="payload 10 %", keys={"simulator.payload": 0.1}),
+    Case(name="payload 20 %", keys={"simulator.payload": 0.2}),
+    Case(name="slippery", keys={"simulator.friction": 0.2}),
+    Case(name="latency", keys={"simulator.latency": 0.01}),
+    Case(name="noise", keys={"simulator.noise": 1.0}),
+    Case(
+        name="everything",
+        keys={**_MILD, "simulator.terrain": 0.003, "stiffness": 0.5},
+    ),
+)
+"""The walk forward with something wrong that the controller does not know of."""
+
+ABOUT = Case(name="about", task="about")
+"""What a robot is like."""
+
+SPEED = Case(name="speed", task="speed", tolerance=0.05)
+"""The largest speed at which 20 steps stay inside speed and torque limits."""
+
+FLOOR_HEIGHTS = (0.005, 0.010, 0.015)
+"""Heights of rough floors [m]."""
+
+PUSH_WAYS: tuple[Way, ...] = ("forward", "back", "inward", "outward")
+PUSH_SHARES = (0.10, 0.35, 0.60, 0.85)
+"""When pushes begin, as shares of the single support [-]."""
+
+
+def floors(
+    seeds: Iterable[int], heights: Iterable[float] = FLOOR_HEIGHTS
+) -> tuple[Case, ...]:
+    """Return the walk forward over rough floors.
+
+    Args:
+        seeds: One floor each, `TUNING_SEEDS` unless it is for a report.
+        heights: Of the highest boxes [m].
+
+    Returns:
+        A case for each height and seed, named such as "floor 5 mm #3".
+    """
+    seeds = tuple(seeds)
+    return tuple(
+        Case(
+            name=f"floor {1e3 * h:g} mm #{seed}",
+            keys={"simulator.terrain": h, "simulator.terrain_seed": seed},
+        )
+        for h in heights
+        for seed in seeds
+    )
+
+
+def pushes(
+    shares: Iterable[float] = PUSH_SHARES, ways: Iterable[Way] = PUSH_WAYS
+) -> tuple[Case, ...]:
+    """Return searches for the largest push that a robot survives.
+
+    Args:
+        shares: When it begins, as shares of the single support of step 4 [-].
+        ways: Where it goes.
+
+    Returns:
+        A case for each, named such as "push outward 35 %".
+    """
+    shares = tuple(shares)
+    return tuple(
+        Case(
+            name=f"push {way} {100 * share:.0f} %",
+            task="push",
+            steps=10,
+            shove=Shove(way=way, share=share),
+        )
+        for way in ways
+        for share in shares
+    )
+
+
+def all_cases(seeds: Iterable[int]) -> tuple[Case, ...]:
+    """Return all that a robot is tried with.
+
+    Args:
+        seeds: Of the rough floors.
+
+    Returns:
+        The cases, in the order of a report.
+    """
+    return (ABOUT, *WALKS, *DISTURBED, SPEED, *pushes(), *floors(seeds))
+
+
+# ---- Doing it ---------------------------------------------------------------------
+
+
+def perform(robot: str, case: Case) -> dict[str, Any]:
+    """Do a case with a robot.
+
+    Args:
+        robot: Name or file of the robot.
+        case: What to do.
+
+    Returns:
+        Plain numbers and names with units in their keys; "outcome" is "completed",
+        "fell", "aborted" or "refused", and for a search "found".
+    """
+    try:
+        return plain(_TASKS[case.task](robot, case))
+    except ComwalkError as error:
+        return {"outcome": "refused", "cause": str(error)}
+
+
+def prepare(robot: str, case: Case) -> Setup:
+    """Return what a case needs to be run.
+
+    Args:
+        robot: Name or file of the robot.
+        case: A walk or a dance.
+
+    Returns:
+        Robot, pattern and settings.
+
+    Raises:
+        ComwalkError: If comwalk refuses the robot, the plan or a setting.
+    """
+    keys = {"robot": robot, **case.keys}
+    if case.task == "dance":
+        return build_dance(make_config(DanceConfig, tables_of(keys)))
+    gait = gait_of(robot, case)
+    keys |= {"steps": case.steps} | {f"gait.{k}": v for k, v in plain(gait).items()}
+    setup = build_walk(make_config(WalkConfig, tables_of(keys)))
+    if case.stops:
+        pattern = stop_and_go(setup.pattern, gait, case.steps)
+        setup = dataclasses.replace(setup, pattern=pattern)
+    if case.shove is not None and setup.robot is not None:
+        push = push_of(case.shove, setup.pattern, setup.robot.mass)
+        physics = dataclasses.replace(setup.physics, pushes=(push,))
+        setup = dataclasses.replace(setup, physics=physics)
+    return setup
+
+
+def tables_of(keys: Keys) -> dict[str, Any]:
+    """Return dotted keys as tables in tables.
+
+    Args:
+        keys: Values by dotted key.
+
+    Returns:
+        What `make_config` takes.
+
+    Example:
+        >>> tables_of({"robot": "paper", "gains.zmp": 3.0, "gains.com": 6.6})
+        {'robot': 'paper', 'gains': {'zmp': 3.0, 'com': 6.6}}
+    """
+    tables: dict[str, Any] = {}
+    for key, value in keys.items():
+        *path, name = key.split(".")
+        table = tables
+        for part in path:
+            table = table.setdefault(part, {})
+        table[name] = value
+    return tables
+
+
+@cache
+def _loaded(robot: str) -> Robot:
+    """Return a robot, which takes a while to load and to find a gait for."""
+    return load_robot(robot)
+
+
+def _natural_gait(robot: str) -> Gait:
+    """Return the natural gait of a robot."""
+    return default_gait(_loaded(robot))
+
+
+def gait_of(robot: str, case: Case) -> Gait:
+    """Return the gait of a case in a robot's own measures.
+
+    Args:
+        robot: Name or file of the robot.
+        case: A walk.
+
+    Returns:
+        The gait.
+
+    Raises:
+        ComwalkError: If the robot does not load, or the gait is out of range.
+    """
+    gait = _natural_gait(robot)
+    size = gait.half_step / PAPER_GAIT.half_step
+    if case.haste != 1.0:
+        speed = case.haste * 2.0 * gait.half_step / gait.period
+        return default_gait(_loaded(robot), speed=speed)
+    return default_gait(
+        _loaded(robot),
+        half_step=case.forward * gait.half_step,
+        lateral=case.sideways * SIDE_STEP * size,
+        turn=case.turn,
+    )
+
+
+def stop_and_go(
+    pattern: Pattern, gait: Gait, steps: int, pause: float = 2.0
+) -> Pattern:
+    """Return a walk that stops on the way with the feet side by side.
+
+    Args:
+        pattern: Uses its pendulum and the size of its soles.
+        gait: The walk before and after.
+        steps: Number of steps before, and after.
+        pause: Time to stand still between them [s].
+
+    Returns:
+        The pattern.
+
+    Raises:
+        ComwalkError: If it cannot be walked.
+    """
+    segments = ((gait, steps), pause, (gait, steps))
+    plan = plan_segments(segments, sole_size=pattern.plan.sole_size)
+    return make_pattern(plan, pattern.pendulum)
+
+
+def push_of(shove: Shove, pattern: Pattern, mass: float) -> Push:
+    """Return the force of a push.
+
+    Args:
+        shove: When, where to and how hard.
+        pattern: What is walked.
+        mass: Of the robot [kg].
+
+    Returns:
+        The push, in the world.
+
+    Raises:
+        PlanError: If the walk has fewer steps.
+    """
+    singles = (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT)
+    spans = [span for span in pattern.phases if span.phase in singles]
+    if shove.step > len(spans):
+        raise PlanError(
+            f"the push is in step {shove.step}, and the plan has {len(spans)}; walk "
+            "more steps"
+        )
+    span = spans[shove.step - 1]
+    start = span.start + shove.share * span.duration
+    outward = Side.LEFT.sign if span.phase is Phase.SINGLE_LEFT else Side.RIGHT.sign
+    x, y = {
+        "forward": (1.0, 0.0),
+        "back": (-1.0, 0.0),
+        "outward": (0.0, outward),
+        "inward": (0.0, -outward),
+    }[shove.way]
+    c, s = np.cos(heading := pattern.at(start).heading), np.sin(heading)
+    f = mass * shove.speed / shove.duration
+    force = (float(f * (c * x - s * y)), float(f * (s * x + c * y)), 0.0)
+    return Push(start=start, force=force, duration=shove.duration)
+
+
+def figures_of(run: Run) -> dict[str, Any]:
+    """Return the figures of a run, its settings and versions left out.
+
+    Args:
+        run: A run of a robot.
+
+    Returns:
+        The summary; with the length of the path that the middle of the feet is to go,
+        and the error at its end as a share of it, unless the path is short.
+    """
+    figures = run.summary()
+    for key in ("settings", "versions"):
+        del figures[key]
+    middles = foot_poses(run.pattern.plan)[:, :, :2].mean(axis=1)
+    length = float(np.hypot(*np.diff(middles, axis=0).T).sum())
+    if length > _PATH:
+        figures["path_m"] = length
+        figures["end_error_pct"] = 100.0 * figures["position_error_m"] / length
+    return figures
+
+
+_PATH = 0.3  # shortest path that an error can be a share of [m]
+
+
+# ---- Searches ---------------------------------------------------------------------
+
+
+class Limit(NamedTuple):
+    """Where something begins to fail."""
+
+    value: float
+    """The largest value found that does not fail."""
+    cause: str
+    """What fails just above; empty if nothing did up to the highest value."""
+    tries: int
+    """How many values were tried."""
+
+
+def find_limit(
+    fault: Callable[[float], str], low: float, high: float, tolerance: float
+) -> Limit:
+    """Return the largest value without a fault, by bisection.
+
+    It is taken that what fails at one value fails at all larger ones.
+
+    Args:
+        fault: Returns what fails at a value, or an empty text.
+        low: Lowest value; the limit if even that one fails.
+        high: Highest value.
+        tolerance: Largest distance of the limit from the first failure, above 0.
+
+    Returns:
+        The limit.
+
+    Raises:
+        ParameterError: If the tolerance is not above 0.
+
+    Example:
+        >>> find_limit(lambda x: "too much" if x > 2.0 else "", 0.0, 8.0, 0.01)
+        Limit(value=2.0, cause='too much', tries=12)
+    """
+    if not tolerance > 0.0:
+        raise ParameterError(f"tolerance must be above 0, got {tolerance:g}")
+    if cause := fault(low):
+        return Limit(low, cause, 1)
+    if not (cause := fault(high)):
+        return Limit(high, "", 2)
+    tries = 2
+    while high - low > tolerance:
+        middle, tries = 0.5 * (low + high), tries + 1
+        if found := fault(middle):
+            high, cause = middle, found
+        else:
+            low = middle
+    return Limit(low, cause, tries)
+
+
+def fault_of(figures: Mapping[str, Any], *, limits: bool) -> str:
+    """Return what is wrong with a walk.
+
+    Args:
+        figures: What `perform` returned.
+        limits: Whether joint speeds and torques must stay inside their limits.
+
+    Returns:
+        The fault, empty if there is none.
+    """
+    if figures["outcome"] != "completed":
+        return f"{figures['outcome']}: {figures['cause']}"
+    if limits and figures["joint_speed_max_pct"] > 100.0:
+        return f"speed of {figures['joint_speed_max_joint']}"
+    if limits and figures["torque_saturation_pct"] > _SPIKES:
+        return f"torque of {figures['torque_max_joint']}"
+    return ""
+
+
+_SPIKES = 1.0  # share of the time that a torque may be at its limit, at impacts [%]
+_SLOWEST, _FASTEST = 0.25, 4.0  # [natural speeds]
+_HARDEST = 2.0  # [m/s]
+
+
+def _run(robot: str, case: Case) -> dict[str, Any]:
+    """Do a walk or a dance; an interruption by the user is no result.
+
+    A robot whose joints do not allow it makes smaller turns, and more of them, or
+    smaller steps to the side.
+    """
+    try:
+        run = prepare(robot, case).run()
+    except PlanError:
+        gentler = _gentler(case)
+        if gentler is None:
+            raise
+        return _run(robot, gentler)
+    if run.outcome.end is End.ABORTED and "by the user" in run.outcome.cause:
+        raise KeyboardInterrupt
+    return figures_of(run) | {"turn_deg": math.degrees(case.turn)}
+
+
+def _gentler(case: Case) -> Case | None:
+    """Return a case with half the turn or a smaller step to the side, if there is."""
+    if abs(case.turn) >= _LEAST_TURN:
+        return dataclasses.replace(case, turn=case.turn / 2, steps=2 * case.steps)
+    if abs(case.sideways) > 0.5:
+        return dataclasses.replace(case, sideways=0.7 * case.sideways)
+    return None
+
+
+_LEAST_TURN = math.radians(5.0)  # turn per step that is not halved further [rad]
+
+
+def _find_speed(robot: str, case: Case) -> dict[str, Any]:
+    """Find the largest speed inside the joints' limits."""
+
+    def fault(haste: float) -> str:
+        keys = {**case.keys, "force": True}  # physics is to tell, not the plan
+        walk = dataclasses.replace(case, task="walk", haste=haste, keys=keys)
+        return fault_of(perform(robot, walk), limits=True)
+
+    natural = _natural_gait(robot)
+    unit = 2.0 * natural.half_step / natural.period
+    limit = find_limit(fault, _SLOWEST, _FASTEST, case.tolerance)
+    return _found(limit, limit.cause and limit.value == _SLOWEST, speed_m_s=unit)
+
+
+def _find_push(robot: str, case: Case) -> dict[str, Any]:
+    """Find the largest push that is survived."""
+    shove = case.shove or Shove(way="forward", share=0.0)
+
+    def fault(speed: float) -> str:
+        pushed = dataclasses.replace(shove, speed=speed)
+        walk = dataclasses.replace(case, task="walk", shove=pushed)
+        return fault_of(perform(robot, walk), limits=False)
+
+    limit = find_limit(fault, 0.0, _HARDEST, case.tolerance)
+    setup = prepare(robot, dataclasses.replace(case, task="walk"))
+    start = setup.physics.pushes[0].start
+    foot = setup.pattern.at(start).phase.name.lower().removeprefix("single_")
+    failed = limit.cause and limit.value == 0.0
+    return _found(limit, failed, push_m_s=1.0) | {"foot": foot, "start_s": start}
+
+
+def _found(limit: Limit, failed: object, **unit: float) -> dict[str, Any]:
+    """Return a limit as a result, its value in the unit's key."""
+    ((key, scale),) = unit.items()
+    return {
+        "outcome": "failed" if failed else "found",
+        key: 0.0 if failed else scale * limit.value,
+        "cause": limit.cause,
+        "tries": limit.tries,
+    }
+
+
+def _about(robot: str, case: Case) -> dict[str, Any]:
+    """Describe a robot and its natural gait."""
+    setup = prepare(robot, dataclasses.replace(case, task="walk"))
+    gait, model = _natural_gait(robot), setup.robot
+    mass, joints = (model.mass, len(model.joints)) if model else (0.0, 0)
+    return {
+        "outcome": "completed",
+        "mass_kg": mass,
+        "joints": joints,
+        "com_height_m": setup.pattern.pendulum.height,
+        "sole_mm": [1e3 * x for x in setup.pattern.plan.sole_size],
+        "step_m": 2.0 * gait.half_step,
+        "period_s": gait.period,
+        "speed_m_s": 2.0 * gait.half_step / gait.period,
+    }
+
+
+_TASKS: dict[str, Callable[[str, Case], dict[str, Any]]] = {
+    "walk": _run,
+    "dance": _run,
+    "speed": _find_speed,
+    "push": _find_push,
+    "about": _about,
+}

@@ -1,0 +1,535 @@
+"""Whether a robot can walk a plan, before it moves: what the plan asks of each joint.
+
+The reference is followed without limits by the kinematic resolution; its angles, rates
+and torques stand beside the robot's limits, and so do the reach of the legs, their
+distance from singular postures, the ZMP of the whole body, and links that meet. A
+demand fits up to its limit: there is no reserve for feedback, and none for the impact
+of a foot on the ground, which no plan foresees.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import math
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import mujoco
+import numpy as np
+
+from ..control import BodySettings, ControlOutput
+from ..embedding import Damping, EmbeddedMotion
+from ..errors import PlanError
+from ..pattern import (
+    Pattern,
+    Phase,
+    excerpt,
+    make_pattern,
+    polygon_margin,
+    shortened,
+    slowed,
+    without_repeats,
+)
+from ..robot import (
+    CLEARANCE,
+    LEGS,
+    InverseDynamics,
+    Kinematics,
+    Robot,
+    SelfCollision,
+)
+from ..walking import WholeBody
+from .reach import leg_reaches
+
+PERIOD = 0.02
+"""Time between samples of the reference [s]; less where steps are short."""
+
+_SAMPLES_PER_SWING = 20
+_COLLISION_PERIOD = 0.08  # [s]
+_USUALLY = 0.95  # share of the time in which the ZMP must be over the soles
+_STANDING = 5  # samples of a phase in which nothing moves
+
+
+@dataclass(frozen=True, slots=True)
+class Demand:
+    """The most that a plan asks of one joint, leg or link in one respect."""
+
+    what: str
+    """The respect: "position", "speed", "torque", "reach", "singularity", "ZMP" or
+    "self-collision"."""
+    joint: str
+    """The joint; or the leg, the sole or the links."""
+    demanded: float
+    """What is asked, in `unit`; of a ZMP, its distance from the middle of the sole."""
+    limit: float
+    """What there is, in `unit`; of a singularity and a collision, the least allowed."""
+    unit: str
+    """Unit of both."""
+    share: float
+    """How much of what there is is used [-]; above 1 the plan does not fit."""
+    time: float
+    """When [s]."""
+
+    def __str__(self) -> str:
+        """Say what is asked and what there is."""
+        values = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
+        return f"at {self.time:.2f} s " + _SENTENCES[self.what].format(**values)
+
+
+_SENTENCES = {
+    **dict.fromkeys(
+        ("position", "speed", "torque"),
+        "{joint} needs a {what} of {demanded:.3g} {unit}, and its limit is {limit:.3g}",
+    ),
+    "reach": "the {joint} would have to be {demanded:.3f} m long, and {limit:.3f} m "
+    "are there",
+    "singularity": "the {joint} is as good as straight (smallest singular value "
+    "{demanded:.3g} m/rad, at least {limit:.3g} is needed)",
+    "ZMP": "the ZMP is {demanded:.3f} m off the middle of the soles, and their edge is "
+    "at {limit:.3f} m",
+    "self-collision": "{joint} meet (distance {demanded:.3f} m)",
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Feasibility:
+    """What a plan asks of a robot. Made by `feasibility`."""
+
+    demands: tuple[Demand, ...]
+    """All demands, the worst first."""
+
+    @property
+    def ok(self) -> bool:
+        """Whether all demands are within what the robot has."""
+        return not self.demands or self.worst.share <= 1.0
+
+    @property
+    def worst(self) -> Demand:
+        """The demand that uses the largest share of its limit."""
+        return self.demands[0]
+
+    def table(self, rows: int | None = None) -> str:
+        """Return the demands as text, the worst first.
+
+        Args:
+            rows: How many; all if None.
+
+        Returns:
+            One line each.
+        """
+        return "\n".join(
+            f"{d.share:7.0%}  {d.what:14} {d.joint:24} {d.demanded:9.3g} of "
+            f"{d.limit:.3g} {d.unit} at {d.time:.2f} s"
+            for d in self.demands[:rows]
+        )
+
+
+@dataclass(frozen=True, eq=False)
+class Change:
+    """One change by which a plan fits a robot."""
+
+    text: str
+    """What to change."""
+    amount: float
+    """Relative size of the change [-], above 0."""
+    pattern: Pattern
+    """The pattern that fits."""
+
+
+def feasibility(
+    robot: Robot,
+    pattern: Pattern,
+    motion: EmbeddedMotion | None = None,
+    *,
+    period: float = PERIOD,
+    geometry: mujoco.MjSpec | None = None,
+) -> Feasibility:
+    """Return what a pattern asks of a robot, compared with what the robot has.
+
+    Args:
+        robot: The robot.
+        pattern: What is to be walked.
+        motion: Motion of the upper body, embedded.
+        period: Time between samples [s]; less where steps are short.
+        geometry: The robot with the geoms that may meet; those it has if None.
+
+    Returns:
+        The demands. If a leg cannot reach its footholds, nothing else is looked at; at
+        the first singular posture the rest is left out.
+
+    Raises:
+        ModelError: If a leg has not six joints.
+        PlanError: If the robot cannot even stand as the pattern begins.
+    """
+    reaches = _reach_demands(robot, pattern)
+    if any(demand.share > 1.0 for demand in reaches):
+        return Feasibility(_sorted(reaches))
+    sweep = _sweep(robot, pattern, motion, _period(pattern, period))
+    return Feasibility(
+        _sorted(
+            [
+                *reaches,
+                *_joint_demands(robot, sweep),
+                *_load_demands(robot, pattern, sweep),
+                *_singularity_demands(robot, sweep),
+                *_collision_demands(robot, sweep, geometry),
+            ]
+        )
+    )
+
+
+def check_feasible(
+    robot: Robot, pattern: Pattern, motion: EmbeddedMotion | None = None
+) -> None:
+    """Refuse a pattern that asks more of a robot than it has.
+
+    Args:
+        robot: The robot.
+        pattern: What is to be walked.
+        motion: Motion of the upper body, embedded.
+
+    Raises:
+        ModelError: If a leg has not six joints.
+        PlanError: If it does not fit; names the worst demand, and changes by which it
+            would.
+    """
+    if motion is None and _fits_easily(robot, pattern):
+        return
+    result = feasibility(robot, pattern, motion)
+    if result.ok:
+        return
+    changes = nearest_plans(robot, pattern, motion, result.worst)
+    complaint = _complaint(pattern, result.worst)
+    raise PlanError(f"{complaint}; {advice(changes)}; --force walks it all the same")
+
+
+_SETTLED = 7.0  # times omega_n: the CoM has forgotten what was before, to 0.1 %
+_EASILY = 0.98  # share of the limits that a plan without its repeats may use
+_ZMP_EASILY = 0.8  # the same of the ZMP's: how often it is off depends on the repeats
+
+
+def _fits_easily(robot: Robot, pattern: Pattern) -> bool:
+    """Return whether a plan fits, as its steps that repeat themselves need one look."""
+    steps, omega = pattern.plan.steps, pattern.pendulum.omega
+    times = [step.double_support + step.single_support for step in steps]
+    keep = 2 * math.ceil(_SETTLED / (omega * min(times, default=1.0)))
+    plan = without_repeats(pattern.plan, keep)
+    if plan is pattern.plan:
+        return False
+    demands = feasibility(robot, make_pattern(plan, pattern.pendulum)).demands
+    return all(
+        demand.share <= (_ZMP_EASILY if demand.what == "ZMP" else _EASILY)
+        for demand in demands
+    )
+
+
+def advice(changes: Sequence[Change]) -> str:
+    """Return what to change, on one line.
+
+    Args:
+        changes: What `nearest_plans` found.
+
+    Returns:
+        All changes, the smallest first.
+    """
+    if not changes:
+        return (
+            "neither shorter nor slower steps, nor a lower pendulum.height alone helps"
+        )
+    return "it would fit with " + ", or ".join(change.text for change in changes)
+
+
+def _complaint(pattern: Pattern, worst: Demand) -> str:
+    """Return what is wrong with a pattern."""
+    if worst.what != "reach":
+        return f"the robot is not able to do this: {worst}"
+    step = f"footstep {pattern.at(worst.time).step + 1} is"
+    return f"{step if pattern.plan.steps else 'the feet are'} out of reach: {worst}"
+
+
+# ---- Plans that fit -----------------------------------------------------------------
+
+_TRIALS = {
+    "step": (5, 10, 20, 40, 70, 90),
+    "time": (10, 20, 40, 80),
+    "body": (2, 4, 8, 14),
+}
+"""Sizes of the changes that are tried first, in %."""
+
+_EXCERPT = 3  # footsteps before and after the worst moment that are looked at
+_COARSE = 0.03  # [s]
+
+
+def nearest_plans(
+    robot: Robot,
+    pattern: Pattern,
+    motion: EmbeddedMotion | None = None,
+    worst: Demand | None = None,
+) -> tuple[Change, ...]:
+    """Return plans near one that does not fit: shorter, slower, or with a lower body.
+
+    Each is the smallest change of its kind, to 1 %, by which some steps around the
+    worst moment can be walked, with a stop after them; it is verified on the whole.
+
+    Args:
+        robot: The robot.
+        pattern: What does not fit.
+        motion: Motion of the upper body, embedded.
+        worst: Its worst demand, if it is known.
+
+    Returns:
+        The changes by which it fits, the smallest first.
+    """
+    if worst is None:
+        worst = feasibility(robot, pattern, motion).worst
+    step = pattern.at(worst.time).step
+    plan = excerpt(pattern.plan, step - _EXCERPT, step + _EXCERPT + 1)
+    part = make_pattern(plan, pattern.pendulum)
+    changes = [
+        _smallest(kind, part, pattern, lambda p, dt: _fits(robot, p, motion, dt))
+        for kind in (_TRIALS if pattern.plan.steps else ("body",))
+    ]
+    found = [change for change in changes if change is not None]
+    return tuple(sorted(found, key=lambda change: change.amount))
+
+
+def _smallest(
+    kind: str,
+    part: Pattern,
+    whole: Pattern,
+    fits: Callable[[Pattern, float], bool],
+) -> Change | None:
+    """Return the smallest change of a kind by which a pattern fits."""
+
+    def tried(base: Pattern, percent: int, period: float) -> Change | None:
+        try:
+            pattern, text = _changed(base, kind, percent)
+        except PlanError:
+            return None
+        fit = fits(pattern, period)
+        return Change(text, 0.01 * percent, pattern) if fit else None
+
+    low = 0
+    for high in _TRIALS[kind]:
+        if tried(part, high, _COARSE):
+            break
+        low = high
+    else:
+        return None
+    while high - low > 1:
+        middle = (low + high) // 2
+        helps = tried(part, middle, _COARSE)
+        low, high = (low, middle) if helps else (middle, high)
+    more = (tried(whole, high + extra, PERIOD) for extra in (0, 1, 3, 6))
+    return next((change for change in more if change), None)
+
+
+def _fits(
+    robot: Robot, pattern: Pattern, motion: EmbeddedMotion | None, period: float
+) -> bool:
+    """Return whether a pattern fits a robot."""
+    try:
+        return feasibility(robot, pattern, motion, period=period).ok
+    except PlanError:
+        return False
+
+
+def _changed(pattern: Pattern, kind: str, percent: int) -> tuple[Pattern, str]:
+    """Return a pattern changed by some percent, and what was done."""
+    plan, pendulum = pattern.plan, pattern.pendulum
+    less, more = 1.0 - 0.01 * percent, 1.0 + 0.01 * percent
+    if kind == "step":
+        text = f"steps {less:.2f} times as long"
+        return make_pattern(shortened(plan, less), pendulum), text
+    if kind == "time":
+        text = f"{more:.2f} times the time for each step"
+        return make_pattern(slowed(plan, more), pendulum), text
+    height = math.floor(1e3 * pendulum.height * less) / 1e3
+    lower = dataclasses.replace(pendulum, height=height)
+    return make_pattern(plan, lower), f"pendulum.height {height:.3f} m"
+
+
+# ---- The reference of the whole body ------------------------------------------------
+
+
+_ON_ONE_FOOT = {Phase.SINGLE_LEFT: 1.0, Phase.SINGLE_RIGHT: 0.0}
+
+
+class _Sweep(NamedTuple):
+    """The reference of the whole body at n times."""
+
+    times: np.ndarray  # (n,) [s]
+    phases: np.ndarray  # (n,) index of the phase
+    configurations: np.ndarray  # (n, 7 + joints)
+    velocities: np.ndarray  # (n, 6 + joints), world axes
+    loads: np.ndarray  # (n,) share of the left foot, None on two feet
+    jacobians: np.ndarray  # (n, legs, 6, 6)
+
+
+def _period(pattern: Pattern, period: float) -> float:
+    """Return the time between samples, so that swings have enough of them."""
+    swings = [step.single_support for step in pattern.plan.steps]
+    return min([period, *(time / _SAMPLES_PER_SWING for time in swings)])
+
+
+def _times(
+    pattern: Pattern, motion: EmbeddedMotion | None, dt: float
+) -> Iterator[tuple[float, int]]:
+    """Yield times, and the index of the phase; few where nothing moves."""
+    for i, span in enumerate(pattern.phases):
+        still = span.phase is Phase.STAND and motion is None
+        first = math.ceil(span.start / dt - 1e-9)
+        last = math.ceil((span.start + span.duration) / dt - 1e-9)
+        last = min(last, first + _STANDING) if still else last
+        yield from ((k * dt, i) for k in range(first, last))
+
+
+def _sweep(
+    robot: Robot, pattern: Pattern, motion: EmbeddedMotion | None, dt: float
+) -> _Sweep:
+    """Follow the reference, without joint limits, until a posture is singular.
+
+    The whole body steps by its rates (Euler); half of their change makes it a step of
+    second order (Adams-Bashforth).
+    """
+    far = np.full(len(robot.joints), np.inf)
+    free = dataclasses.replace(robot, lower=-far, upper=far, speed=far)
+    settings = BodySettings(deflection_compensation=False, imu=False, landing=0.0)
+    body = WholeBody(free, dt, motion, settings)
+    body.start(pattern.at(0.0))
+    legs = [limb for limb in robot.limbs if limb.name in LEGS.values()]
+    kinematics, rows = Kinematics(robot, ()), []
+    last = np.zeros(6 + len(far))
+    for time, phase in _times(pattern, motion, dt):
+        reference, q = pattern.at(time), body.configuration
+        control = dataclasses.replace(
+            ControlOutput.still(reference), u=reference.com_velocity[:2]
+        )
+        body.act(control, reference)
+        found = body.resolution
+        if found is None:
+            break
+        lead, last = 0.5 * (found.velocity - last), found.velocity
+        body.configuration = kinematics.integrate(body.configuration, lead, dt)
+        J = found.posture.jacobian
+        blocks = [J[3 + 6 * i : 9 + 6 * i, x.columns] for i, x in enumerate(legs)]
+        if found.damped:  # its rates jump: no acceleration is made of them
+            phase = -1
+        load = _ON_ONE_FOOT.get(reference.phase)
+        rows.append((time, phase, q, found.velocity, load, blocks))
+        if found.damped:
+            break
+    return _Sweep(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+# ---- Demands ------------------------------------------------------------------------
+
+
+def _sorted(demands: Sequence[Demand]) -> tuple[Demand, ...]:
+    """Return demands, the worst first."""
+    return tuple(sorted(demands, key=lambda demand: -demand.share))
+
+
+def _reach_demands(robot: Robot, pattern: Pattern) -> list[Demand]:
+    """Return how much of their length both legs need."""
+    return [
+        Demand("reach", f"{side} leg", needed, length, "m", needed / length, time)
+        for side, (needed, length, time) in leg_reaches(robot, pattern).items()
+    ]
+
+
+def _joint_demands(robot: Robot, sweep: _Sweep) -> Iterator[Demand]:
+    """Yield the largest use of each joint's speed, and of its range if it moves."""
+    q, rates = sweep.configurations[:, 7:], np.abs(sweep.velocities[:, 6:])
+    limits = zip(robot.lower.tolist(), robot.upper.tolist(), strict=True)
+    for j, (name, (low, high)) in enumerate(zip(robot.joints, limits, strict=True)):
+        if math.isfinite(high - low) and np.ptp(q[:, j]) > 1e-3:
+            used = np.abs(2.0 * q[:, j] - low - high) / (high - low)
+            k = int(np.argmax(used))
+            angle, time = float(q[k, j]), float(sweep.times[k])
+            limit = high if 2.0 * angle > low + high else low
+            share = float(used[k])
+            yield Demand("position", name, angle, limit, "rad", share, time)
+        column = rates[:, j]
+        yield from _largest("speed", name, column, robot.speed[j], "rad/s", sweep.times)
+
+
+def _largest(
+    what: str,
+    name: str,
+    values: np.ndarray,
+    limit: float,
+    unit: str,
+    times: np.ndarray,
+) -> Iterator[Demand]:
+    """Yield the largest of some values beside its limit, if there is a limit."""
+    if math.isfinite(limit) and len(values):
+        k = int(np.argmax(values))
+        value = float(values[k])
+        share = value / limit if limit > 0.0 else math.inf
+        yield Demand(what, name, value, float(limit), unit, share, float(times[k]))
+
+
+def _load_demands(robot: Robot, pattern: Pattern, sweep: _Sweep) -> Iterator[Demand]:
+    """Yield the largest torque of each joint, and how far the ZMP leaves the middle.
+
+    Accelerations are differences of two neighbouring samples of the same phase, for the
+    pattern's acceleration may jump from phase to phase; the resolution settles in the
+    first of them, which is left out.
+    """
+    dynamics, kinematics = InverseDynamics(robot), Kinematics(robot, ())
+    steps, same = np.diff(sweep.times), np.diff(sweep.phases) == 0
+    inside = np.flatnonzero(same & np.append(True, same[:-1]))
+    torques, offs = np.zeros((len(inside), len(robot.joints))), np.zeros(len(inside))
+    half = 0.5 * min(pattern.plan.sole_size)
+    hull, seen = np.zeros((0, 2)), -1
+    for i, k in enumerate(inside.tolist()):
+        v_0, v_1 = sweep.velocities[k : k + 2]
+        dt, v = steps[k], 0.5 * (v_0 + v_1)
+        q = kinematics.integrate(sweep.configurations[k], v, 0.5 * dt)
+        load = dynamics.load(q, v, (v_1 - v_0) / dt, sweep.loads[k])
+        if sweep.phases[k] != seen:
+            seen = sweep.phases[k]
+            hull = pattern.support_polygon(float(sweep.times[k] + 0.5 * dt))
+        torques[i] = np.abs(load.torques)
+        offs[i] = max(0.0, half - polygon_margin(hull, load.zmp))
+    times = sweep.times[inside]
+    for j, name in enumerate(robot.joints):
+        yield from _largest(
+            "torque", name, torques[:, j], robot.torque[j], "N m", times
+        )
+    if len(inside):
+        k = int(np.argsort(offs)[round(_USUALLY * (len(offs) - 1))])
+        off, share = float(offs[k]), float(offs[k]) / half
+        yield Demand("ZMP", "sole", off, half, "m", share, float(times[k]))
+
+
+def _singularity_demands(robot: Robot, sweep: _Sweep) -> Iterator[Demand]:
+    """Yield how near the legs come to a singular posture."""
+    least = Damping().threshold
+    sigmas = np.linalg.svd(sweep.jacobians, compute_uv=False)[..., -1]
+    for i, name in enumerate(x.name for x in robot.limbs if x.name in LEGS.values()):
+        k = int(np.argmin(sigmas[:, i]))
+        sigma, time = float(sigmas[k, i]), float(sweep.times[k])
+        share = least / sigma if sigma > 0.0 else math.inf
+        label = name.replace("_", " ")
+        yield Demand("singularity", label, sigma, least, "m/rad", share, time)
+
+
+def _collision_demands(
+    robot: Robot, sweep: _Sweep, geometry: mujoco.MjSpec | None
+) -> list[Demand]:
+    """Return links that come near each other."""
+    collision, worst = SelfCollision(robot, geometry), {}
+    due = -math.inf
+    for time, q in zip(sweep.times.tolist(), sweep.configurations, strict=True):
+        if time < due:
+            continue
+        due = time + _COLLISION_PERIOD
+        for links, distance in collision.distances(q).items():
+            worst[links] = min((distance, time), worst.get(links, (math.inf, 0.0)))
+    return [
+        Demand("self-collision", links, d, 0.0, "m", 1.0 - d / CLEARANCE, time)
+        for links, (d, time) in worst.items()
+    ]

@@ -1,0 +1,221 @@
+"""Flags of the command line, made from the dataclasses of settings.
+
+Each field becomes a flag; its docstring is the help text, its default is shown. A flag
+that is not given is None, so that a file can give its value.
+"""
+
+from __future__ import annotations
+
+import ast
+import dataclasses
+import linecache
+import re
+import sys
+from collections.abc import Callable
+from functools import cache
+from itertools import pairwise
+from types import FunctionType, UnionType
+from typing import Annotated, Any, get_args, get_origin
+
+from cyclopts import Group, Parameter
+
+from ..config import (
+    fields_of,
+    part_of,
+)
+from ..errors import ParameterError
+
+
+@cache
+def flags_of(
+    kind: Any, skipped: tuple[str, ...] = (), *, suits_robot: bool = False
+) -> Any:
+    """Return a dataclass of flags that mirrors one of settings.
+
+    Args:
+        kind: The dataclass of settings; fields of a base class come last.
+        skipped: Names of fields without a flag.
+        suits_robot: Whether the robot has its own defaults, and those of the
+            dataclass are the paper's.
+
+    Returns:
+        The dataclass, for a parser that flattens it.
+    """
+    texts, defaults = _field_texts(kind), kind()
+    rows: list[tuple[str, Any, Any]] = []
+    hints = fields_of(kind)
+    for name in sorted(hints, key=lambda name: name not in kind.__annotations__):
+        if name in skipped:
+            continue
+        hint, default = hints[name], getattr(defaults, name)
+        text, part = texts.get(name, ""), part_of(hint)
+        if part or dataclasses.is_dataclass(hint):
+            flags = flags_of(part or hint, suits_robot=part is not None)
+            group = Group.create_ordered(text.rstrip("."))
+            factory = dataclasses.field(default_factory=flags)
+            rows.append((name, _noted(flags, Parameter(group=group)), factory))
+        else:
+            note = Parameter(
+                help=text + _shown(default, suits_robot), **_parsing(hint, default)
+            )
+            flag = _noted(_hint(hint), note)
+            rows.append((name, flag, dataclasses.field(default=None)))
+    mirror = dataclasses.make_dataclass(f"{kind.__name__}Flags", rows, kw_only=True)
+    mirror.__module__ = __name__
+    return mirror
+
+
+def _noted(hint: Any, note: Parameter) -> Any:
+    """Return a type with a note for the parser; both are known at run time only."""
+    return Annotated[hint, note]
+
+
+def _field_texts(kind: type) -> dict[str, str]:
+    """Return the docstring under each field of a dataclass and its bases."""
+    texts: dict[str, str] = {}
+    for base in reversed(kind.__mro__[:-1]):
+        (tree,) = ast.parse(_source_of(base)).body
+        for field, text in pairwise(getattr(tree, "body", ())):
+            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
+                words = ast.literal_eval(text.value).split()
+                texts[ast.unparse(field.target)] = " ".join(words)
+    return texts
+
+
+def _source_of(kind: type) -> str:
+    """Return the text of a class, to the next line that is not indented.
+
+    `inspect.getsource` would parse the whole module, for each class anew.
+    """
+    lines = linecache.getlines(str(sys.modules[kind.__module__].__file__))
+    head = re.compile(rf"class {kind.__name__}\b")
+    first = next(k for k, line in enumerate(lines) if head.match(line))
+    rest = (k for k in range(first + 1, len(lines)) if lines[k][:1].strip())
+    return "".join(lines[first : next(rest, len(lines))])
+
+
+def _shown(default: Any, suits_robot: bool) -> str:
+    """Return a default value for a help text."""
+    if default is None or default is False or default == ():
+        return ""
+    items = default if isinstance(default, tuple) else (default,)
+    words = [f"{x:g}" if isinstance(x, float) else str(x) for x in items]
+    value = "yes" if default is True else ", ".join(words)
+    return (
+        f" (default: the robot's; paper {value})"
+        if suits_robot
+        else (f" (default {value})")
+    )
+
+
+def _hint(hint: Any) -> Any:
+    """Return the type of a flag: that of the field, or None when not given."""
+    if get_origin(hint) is tuple and get_args(hint)[-1] is Ellipsis:
+        return list[str] | None
+    return Any if _is_pair(hint) else hint | None
+
+
+def _is_pair(hint: Any) -> bool:
+    """Return whether a field holds a pair of numbers, or none."""
+    options = get_args(hint) if isinstance(hint, UnionType) else (hint,)
+    return any(get_args(option) == (float, float) for option in options)
+
+
+def _parsing(hint: Any, default: Any) -> dict[str, Any]:
+    """Return how the words of a flag are read."""
+    if _is_pair(hint):
+        reading = {"converter": _read_pair, "n_tokens": 1, "metavar": "X[,Y]"}
+        return {**reading, "negative": ()}
+    if hint is int:
+        return {"converter": _read_whole, "negative": ()}
+    if isinstance(hint, UnionType):
+        read = _read_text if str in get_args(hint) else _read_number
+        return {"converter": read, "negative": ()}
+    return {} if hint is bool and default else {"negative": ()}
+
+
+def _read_text(hint: Any, tokens: Any) -> str:
+    """Return text; the word "none" stays, for it stands against a file."""
+    return tokens[0].value
+
+
+def _read_number(hint: Any, tokens: Any) -> float | str:
+    """Return a number, or the word "none"."""
+    text = tokens[0].value
+    try:
+        return text.lower() if text.lower() == "none" else float(text)
+    except ValueError:
+        raise ParameterError(f'not a number, nor "none": "{text}"') from None
+
+
+def _read_whole(hint: Any, tokens: Any) -> int:
+    """Return a whole number, without cutting off a fraction."""
+    try:
+        return int(tokens[0].value)
+    except ValueError:
+        raise ParameterError(f'not a whole number: "{tokens[0].value}"') from None
+
+
+def _read_pair(hint: Any, tokens: Any) -> tuple[float, ...] | str:
+    """Return the numbers of "3" or "3,1.8", or the word "none"."""
+    if tokens[0].value == "none":
+        return "none"
+    try:
+        numbers = tuple(float(word) for word in tokens[0].value.split(","))
+    except ValueError:
+        numbers = ()
+    if len(numbers) not in (1, 2):
+        raise ParameterError(
+            f'not one number or two, such as 3 or 3,1.8: "{tokens[0].value}"'
+        )
+    return numbers * 2 if len(numbers) == 1 else numbers
+
+
+def given_flags(flags: Any) -> dict[str, Any]:
+    """Return the flags that were given.
+
+    Args:
+        flags: A dataclass of `flags_of`, filled by the parser.
+
+    Returns:
+        Values by name, with tables for groups; what `make_config` takes.
+    """
+    given: dict[str, Any] = {}
+    for name, value in vars(flags).items():
+        if dataclasses.is_dataclass(value):
+            value = given_flags(value) or None
+        if value is not None:
+            given[name] = tuple(value) if isinstance(value, list) else value
+    return given
+
+
+def with_flags(kind: Any) -> Callable[[FunctionType], FunctionType]:
+    """Give a command's parameter `flags` its type, which is made at run time.
+
+    Args:
+        kind: The dataclass of `flags_of`.
+
+    Returns:
+        The decorator.
+    """
+
+    def decorate(function: FunctionType) -> FunctionType:
+        function.__annotations__["flags"] = _noted(kind, Parameter(name="*"))
+        function.__kwdefaults__ = {**(function.__kwdefaults__ or {}), "flags": kind()}
+        return function
+
+    return decorate
+
+
+HostFlag = Annotated[
+    str, Parameter(help="Address to serve a page at; 0.0.0.0 for other machines too.")
+]
+"""`--host`."""
+
+PortFlag = Annotated[int, Parameter(help="Port of a page; 0 for any that is free.")]
+"""`--port`."""
+
+OpenFlag = Annotated[
+    bool, Parameter(help="Open a page in this machine's browser.", negative=())
+]
+"""`--open`."""

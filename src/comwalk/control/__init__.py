@@ -1,0 +1,53 @@
+"""The walking law and its loop, Eqs. (29)-(31) and Fig. 4: gains, sensing, plants."""
+
+from typing import TYPE_CHECKING
+
+from ..lazy import exports_of
+
+if TYPE_CHECKING:
+    from .filters import low_pass_coefficient as low_pass_coefficient
+    from .filters import servo_response as servo_response
+    from .law import PAPER_GAINS as PAPER_GAINS
+    from .law import ControlOutput as ControlOutput
+    from .law import ControlSettings as ControlSettings
+    from .law import Gains as Gains
+    from .law import Pair as Pair
+    from .law import Value as Value
+    from .law import WalkingController as WalkingController
+    from .loop import PROGRESS_ROWS as PROGRESS_ROWS
+    from .loop import Body as Body
+    from .loop import End as End
+    from .loop import Outcome as Outcome
+    from .loop import PointBody as PointBody
+    from .loop import Progress as Progress
+    from .loop import Tick as Tick
+    from .loop import Walkable as Walkable
+    from .loop import Watch as Watch
+    from .loop import astray as astray
+    from .loop import blind as blind
+    from .loop import check_joints as check_joints
+    from .loop import completed as completed
+    from .loop import interrupted as interrupted
+    from .loop import lifted as lifted
+    from .loop import tilted as tilted
+    from .loop import walk as walk
+    from .payload import RISE_TIME as RISE_TIME
+    from .payload import WEIGHING_TIME as WEIGHING_TIME
+    from .payload import Weighing as Weighing
+    from .plant import Command as Command
+    from .plant import Disturbance as Disturbance
+    from .plant import PendulumPlant as PendulumPlant
+    from .plant import Plant as Plant
+    from .plant import Sensors as Sensors
+    from .plant import no_disturbance as no_disturbance
+    from .plant import random_bounded as random_bounded
+    from .sensing import Contact as Contact
+    from .sensing import Measurement as Measurement
+    from .sensing import tilt_of as tilt_of
+    from .sensing import zmp_from_wrenches as zmp_from_wrenches
+    from .settings import BodySettings as BodySettings
+    from .settings import Control as Control
+    from .settings import Push as Push
+    from .settings import SimulatorSettings as SimulatorSettings
+
+__getattr__, __dir__ = exports_of(__name__, __file__)

@@ -1,0 +1,471 @@
+"""The walking controller of Fig. 4, Eq. (31), as it runs on a robot.
+
+The law itself is `walking_control`, one line. `WalkingController` adds what the paper
+leaves to the reader: gains in the frame of the walking direction, a low-pass filter on
+the measured ZMP with the *identical* filter and delay on the reference, separate gains
+for standing, and bounds.
+
+Note:
+    Fed with the raw ZMP the law is unstable at any control rate unless the servo lag
+    exceeds k_p / omega^2 (0.21 s with the paper's x gains), for the ZMP contains the
+    acceleration that u itself causes. Hence the filter; `check_gains` tells whether
+    gains, filter, delay and servo go together.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, Protocol, TypeAlias
+
+import numpy as np
+
+from ..errors import (
+    ParameterError,
+    checked_number,
+)
+from .filters import low_pass_coefficient
+
+Pair = tuple[float, float]
+
+
+def _pair(name: str, value: object) -> Pair:
+    """Return one number or two as a pair (x, y) of gains."""
+    several = isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str)
+    values = list(value) if several and np.ndim(value) == 1 else [value]  # type: ignore[call-overload]
+    if len(values) not in (1, 2):
+        raise ParameterError(
+            f"{name} must be one number or two (x, y) in 1/s, got {len(values)}"
+        )
+    numbers = [checked_number(name, v, unit="1/s", low=0.0) for v in values]
+    return numbers[0], numbers[-1]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Gains:
+    """Gains of the walking control law, Eq. (31), in the frame of the heading.
+
+    x is the walking direction, y is to the left of it. A single number serves both.
+
+    Raises:
+        ParameterError: If a gain is negative, or not one or two finite numbers.
+
+    Example:
+        >>> Gains(zmp=(3.0, 1.8), com=(6.6, 3.8)).walking
+        ((3.0, 1.8), (6.6, 3.8))
+        >>> Gains(zmp=(0.0, 0.0), com=(0.0, 0.0)).is_open_loop
+        True
+    """
+
+    zmp: Pair = (3.0, 1.8)
+    """ZMP gains k_p (x, y) [1/s], 0 or above; stable if 0 < k_p < k_c."""
+
+    com: Pair = (6.6, 3.8)
+    """CoM gains k_c (x, y) [1/s], 0 or above."""
+
+    standing_zmp: Pair | None = None
+    """k_p when standing [1/s]; None: the walking gain, but at most 1."""
+
+    standing_com: Pair | None = None
+    """k_c when standing [1/s]; None: the walking gain, but at most 3."""
+
+    def __post_init__(self) -> None:
+        """Store pairs; refuse what is not one or two gains."""
+        for name in ("zmp", "com", "standing_zmp", "standing_com"):
+            value = getattr(self, name)
+            if value is not None or not name.startswith("standing"):
+                object.__setattr__(self, name, _pair(f"gains.{name}", value))
+
+    @property
+    def walking(self) -> tuple[Pair, Pair]:
+        """k_p (x, y) and k_c (x, y) while walking [1/s]."""
+        return self.zmp, self.com
+
+    @property
+    def standing(self) -> tuple[Pair, Pair]:
+        """k_p (x, y) and k_c (x, y) while standing [1/s].
+
+        On two feet nothing has to be caught within a step, while foot-force noise and
+        the stiff closed chain of the legs limit k_p: robots that run this law stand
+        with k_p of 0.1 to 1 and k_c of 3 to 6. Among those, 1 and 3 held the ZMP of a
+        dance best. The defaults never exceed the walking gains, so that they are stable
+        (and open loop) whenever those are.
+        """
+        (p_x, p_y), (c_x, c_y) = self.zmp, self.com
+        k_p = self.standing_zmp or (min(p_x, 1.0), min(p_y, 1.0))
+        k_c = self.standing_com or (min(c_x, 3.0), min(c_y, 3.0))
+        return k_p, k_c
+
+    @property
+    def is_open_loop(self) -> bool:
+        """Whether all gains are zero: the reference is played without feedback."""
+        pairs = (*self.walking, *self.standing)
+        return not any(k for pair in pairs for k in pair)
+
+    def blend(self, walking: float) -> tuple[Pair, Pair]:
+        """Return the gains between standing and walking.
+
+        Both ends being stable in the ideal model (0 < k_p < k_c), so is every blend.
+
+        Args:
+            walking: How much of walking [1]: 0 standing, 1 walking; clipped to [0, 1].
+                `Reference.walking` changes smoothly, and so do the gains.
+
+        Returns:
+            k_p (x, y) and k_c (x, y) [1/s].
+
+        Example:
+            >>> Gains(standing_zmp=(1.0, 1.0)).blend(0.5)[0]
+            (2.0, 1.4)
+        """
+        if walking >= 1.0:
+            return self.walking
+        if walking <= 0.0:
+            return self.standing
+        s, (p_0, c_0), (p_1, c_1) = walking, self.standing, self.walking
+        k_p = p_0[0] + s * (p_1[0] - p_0[0]), p_0[1] + s * (p_1[1] - p_0[1])
+        k_c = c_0[0] + s * (c_1[0] - c_0[0]), c_0[1] + s * (c_1[1] - c_0[1])
+        return k_p, k_c
+
+
+PAPER_GAINS = Gains()
+"""The gains of Section VI; the paper does not tell what it stands with."""
+
+
+def walking_control(
+    com_velocity: Value, e_p: Value, e_c: Value, k_p: Value, k_c: Value
+) -> Value:
+    r"""Return the walking control input, Eq. (31).
+
+    .. math:: u = \dot c^d - k_p e_p + k_c e_c
+
+    Args:
+        com_velocity: Reference CoM velocity [m/s].
+        e_p: ZMP error, desired minus actual [m].
+        e_c: CoM error, desired minus actual [m].
+        k_p: ZMP gain [1/s].
+        k_c: CoM gain [1/s].
+
+    Returns:
+        CoM velocity u [m/s], of the shape of the arguments.
+
+    Note:
+        The ZMP enters with a minus: a ZMP ahead of its reference pushes the CoM
+        forward, which brings the ZMP back.
+
+    Example:
+        >>> round(walking_control(0.2, 0.01, 0.02, 3.0, 6.6), 6)
+        0.302
+    """
+    cdot_d = com_velocity
+    return cdot_d - k_p * e_p + k_c * e_c
+
+
+def heading_correction(
+    heading: float, e_p: Pair, e_c: Pair, k_p: Pair, k_c: Pair
+) -> Pair:
+    """Return the feedback part of Eq. (31) with gains along the heading.
+
+    The errors are turned into the frame of the heading, the law is applied to each of
+    its axes, and the result is turned back.
+
+    Args:
+        heading: Yaw of the heading [rad], world.
+        e_p: ZMP error (x, y) [m], world.
+        e_c: CoM error (x, y) [m], world.
+        k_p: ZMP gains (forward, left) [1/s].
+        k_c: CoM gains (forward, left) [1/s].
+
+    Returns:
+        u minus the reference CoM velocity (x, y) [m/s], world.
+
+    Example:
+        >>> e_p, e_c = (0.0, 0.01), (0.01, 0.0)
+        >>> w = heading_correction(0.0, e_p, e_c, *PAPER_GAINS.walking)
+        >>> [round(x, 6) for x in w]
+        [0.066, -0.018]
+    """
+    c, s = math.cos(heading), math.sin(heading)
+    p_x, p_y = c * e_p[0] + s * e_p[1], c * e_p[1] - s * e_p[0]
+    c_x, c_y = c * e_c[0] + s * e_c[1], c * e_c[1] - s * e_c[0]
+    w_x = walking_control(0.0, p_x, c_x, k_p[0], k_c[0])
+    w_y = walking_control(0.0, p_y, c_y, k_p[1], k_c[1])
+    return c * w_x - s * w_y, s * w_x + c * w_y
+
+
+@dataclass(frozen=True, kw_only=True)
+class ControlSettings:
+    """How the walking controller treats its measurements, and its bounds.
+
+    Raises:
+        ParameterError: If a number is out of range.
+    """
+
+    zmp_cutoff: float | None = 4.0
+    """Cut-off of the ZMP low-pass filter [Hz], above 0; None for no filter."""
+
+    delay: int = 0
+    """Delay of the measurements, which the reference is matched to [ticks], 0 to 1000.
+    """
+
+    max_correction: float = 0.5
+    """Bound on the length of u minus the reference CoM velocity [m/s], above 0."""
+
+    max_offset: float = 0.10
+    """Bound on the distance of the CoM command from the reference CoM [m], above 0."""
+
+    def __post_init__(self) -> None:
+        """Refuse numbers out of range."""
+        if self.zmp_cutoff is not None and self.zmp_cutoff != math.inf:
+            name = "zmp_cutoff"
+            checked_number(name, self.zmp_cutoff, unit="Hz", low=0.0, open_low=True)
+        delay = checked_number("delay", self.delay, unit="ticks", low=0, high=1000)
+        if delay != int(delay):
+            raise ParameterError(f"delay must be whole ticks, got {delay:g}")
+        for name, unit in (("max_correction", "m/s"), ("max_offset", "m")):
+            value = getattr(self, name)
+            checked_number(name, value, unit=unit, low=0.0, open_low=True)
+
+
+class ControlReference(Protocol):
+    """What the controller needs of a `Reference`; x and y are used of each array."""
+
+    @property
+    def com(self) -> np.ndarray:
+        """Reference CoM [m], world, of shape (2,) or (3,)."""
+        ...
+
+    @property
+    def com_velocity(self) -> np.ndarray:
+        """Its velocity [m/s], world, of shape (2,) or (3,)."""
+        ...
+
+    @property
+    def zmp(self) -> np.ndarray:
+        """Reference ZMP [m], world, of shape (2,)."""
+        ...
+
+    @property
+    def heading(self) -> float:
+        """Yaw of the walking direction [rad], world."""
+        ...
+
+    @property
+    def walking(self) -> float:
+        """How much of walking [1], 0 standing to 1 walking."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ControlOutput:
+    """What the walking controller asks for at one tick; all in world axes."""
+
+    u: np.ndarray
+    """CoM velocity from now to the next tick, Eq. (31), bounded [m/s], (2,)."""
+    com_command: np.ndarray
+    """Where the CoM should be now: the integral of u up to this tick [m], (2,)."""
+    com_error: np.ndarray
+    """e_c, the reference matched in delay minus the measured CoM [m], (2,)."""
+    zmp_error: np.ndarray
+    """e_p = zmp_reference - zmp_filtered [m], (2,)."""
+    zmp_reference: np.ndarray
+    """Reference ZMP after the delay and filter that the measured one has [m], (2,)."""
+    zmp_filtered: np.ndarray
+    """Measured ZMP after the filter [m], (2,)."""
+    saturated: bool
+    """Whether a bound of `ControlSettings` was active."""
+
+    @classmethod
+    def still(cls, reference: ControlReference) -> ControlOutput:
+        """Return the output of a controller at rest on its reference.
+
+        Args:
+            reference: Uses com and zmp.
+
+        Returns:
+            No velocity, no errors, the CoM command on the reference.
+        """
+        zmp = np.array(reference.zmp[:2], dtype=float)
+        com = np.array(reference.com[:2], dtype=float)
+        rest = np.zeros(2)
+        return cls(rest, com, rest, rest, zmp, zmp, False)
+
+
+class Controller(Protocol):
+    """What commands the CoM in the loop of Fig. 4."""
+
+    def reset(
+        self,
+        reference_com: np.ndarray | Sequence[float],
+        reference_zmp: np.ndarray | Sequence[float],
+    ) -> None:
+        """Be at rest on the reference."""
+        ...
+
+    def step(
+        self,
+        reference: Any,
+        com: np.ndarray,
+        zmp: np.ndarray,
+        trust: float = 1.0,
+    ) -> ControlOutput:
+        """Return the command of one tick."""
+        ...
+
+
+def _limited(x: float, y: float, limit: float) -> tuple[float, float, bool]:
+    """Return the vector shortened to the limit, and whether it was longer."""
+    length = math.hypot(x, y)
+    if length <= limit:
+        return x, y, False
+    return x * limit / length, y * limit / length, True
+
+
+def _xy(name: str, value: np.ndarray | Sequence[float]) -> Pair:
+    """Return x and y as floats; refuse what is not finite."""
+    try:
+        x, y = float(value[0]), float(value[1])
+    except (TypeError, ValueError, IndexError) as error:
+        raise ParameterError(f"{name} must be two numbers, got {value!r}") from error
+    if not math.isfinite(x + y):
+        raise ParameterError(
+            f"{name} must be finite, got ({x:g}, {y:g}) m; as long as it cannot "
+            "be measured, pass the last value"
+        )
+    return x, y
+
+
+class WalkingController:
+    """The walking controller of Fig. 4: Eq. (31) with filter, delay and bounds. Final.
+
+    The feedback part of u is integrated to an offset of the CoM command from the
+    reference; at the bound of the offset the integral stops, and u with it, so that u
+    always is the rate of the CoM command and nothing winds up. With zero gains u is
+    the reference velocity and the CoM command the reference CoM, exactly.
+
+    Example:
+        >>> from types import SimpleNamespace
+        >>> stand = SimpleNamespace(
+        ...     com=np.zeros(2), com_velocity=np.zeros(2), zmp=np.zeros(2),
+        ...     heading=0.0, walking=1.0)
+        >>> controller = WalkingController(PAPER_GAINS, period=0.002)
+        >>> controller.reset(stand.com, stand.zmp)
+        >>> controller.step(stand, com=(-0.01, 0.0), zmp=(0.0, 0.0)).u.round(4).tolist()
+        [0.066, 0.0]
+    """
+
+    def __init__(
+        self,
+        gains: Gains = PAPER_GAINS,
+        settings: ControlSettings | None = None,
+        period: float = 0.002,
+    ) -> None:
+        """Prepare a controller at rest in the world's origin.
+
+        Args:
+            gains: Gains of Eq. (31).
+            settings: Filter, delay and bounds; the defaults if None.
+            period: Control period [s], above 0.
+
+        Raises:
+            ParameterError: If the period is out of range.
+        """
+        self.gains = gains
+        self.settings = settings or ControlSettings()
+        self.period = checked_number("period", period, unit="s", low=0, open_low=True)
+        self._alpha = low_pass_coefficient(self.settings.zmp_cutoff, self.period)
+        self.reset((0.0, 0.0), (0.0, 0.0))
+
+    def reset(
+        self,
+        reference_com: np.ndarray | Sequence[float],
+        reference_zmp: np.ndarray | Sequence[float],
+    ) -> None:
+        """Set the filters on the reference ZMP and the CoM command on the reference.
+
+        Args:
+            reference_com: Reference CoM at the start [m], world, (2,) or (3,).
+            reference_zmp: Reference ZMP at the start [m], world, (2,).
+
+        Raises:
+            ParameterError: If they are not finite numbers.
+        """
+        c_d, p_d = (
+            _xy("reference_com", reference_com),
+            _xy("reference_zmp", reference_zmp),
+        )
+        n = int(self.settings.delay) + 1
+        self._past: deque[tuple[Pair, Pair]] = deque([(c_d, p_d)] * n, maxlen=n)
+        self._zmp = self._zmp_reference = p_d
+        self._offset = (0.0, 0.0)
+
+    def step(
+        self,
+        reference: ControlReference,
+        com: np.ndarray | Sequence[float],
+        zmp: np.ndarray | Sequence[float],
+        trust: float = 1.0,
+    ) -> ControlOutput:
+        """Return the command of one tick.
+
+        Args:
+            reference: The reference at this tick.
+            com: Measured CoM [m], world, (2,) or (3,).
+            zmp: Measured ZMP [m], world, (2,); the last one known if there is none.
+            trust: Factor on the feedback [-], in [0, 1].
+
+        Returns:
+            The bounded CoM velocity u, the CoM command, the errors.
+
+        Raises:
+            ParameterError: If a measurement is not finite.
+        """
+        c, p = _xy("com", com), _xy("zmp", zmp)
+        c_d, p_d = self._matched_reference(reference)
+        p_d = self._zmp_reference = self._filtered(self._zmp_reference, p_d)
+        p = self._zmp = self._filtered(self._zmp, p)
+        e_c = c_d[0] - c[0], c_d[1] - c[1]
+        e_p = p_d[0] - p[0], p_d[1] - p[1]
+        gains = self.gains.blend(reference.walking)
+        w_x, w_y = heading_correction(reference.heading, e_p, e_c, *gains)
+        limit = self.settings.max_correction
+        w_x, w_y, fast = _limited(trust * w_x, trust * w_y, limit)
+        o_x, o_y = self._offset
+        w_x, w_y, far = self._integrate(w_x, w_y)
+        cdot_d, c_d = reference.com_velocity, self._past[-1][0]
+        return ControlOutput(
+            np.array((float(cdot_d[0]) + w_x, float(cdot_d[1]) + w_y)),
+            np.array((c_d[0] + o_x, c_d[1] + o_y)),
+            np.array(e_c),
+            np.array(e_p),
+            np.array(p_d),
+            np.array(p),
+            fast or far,
+        )
+
+    def _matched_reference(self, reference: ControlReference) -> tuple[Pair, Pair]:
+        """Return the reference CoM and ZMP as late as the measurements are."""
+        c_d, p_d = reference.com, reference.zmp
+        now = (float(c_d[0]), float(c_d[1])), (float(p_d[0]), float(p_d[1]))
+        self._past.append(now)
+        return self._past[0]
+
+    def _filtered(self, old: Pair, new: Pair) -> Pair:
+        """Return one step of the low-pass filter."""
+        a, (x, y) = self._alpha, old
+        return x + a * (new[0] - x), y + a * (new[1] - y)
+
+    def _integrate(self, w_x: float, w_y: float) -> tuple[float, float, bool]:
+        """Integrate the correction to the offset; return the rate it really has."""
+        (o_x, o_y), dt = self._offset, self.period
+        x, y, far = _limited(o_x + w_x * dt, o_y + w_y * dt, self.settings.max_offset)
+        self._offset = x, y
+        if far:
+            return (x - o_x) / dt, (y - o_y) / dt, True
+        return w_x, w_y, False
+
+
+Value: TypeAlias = Any
+"""A float, or an array of them (np.ndarray) that the formula is applied to at once."""

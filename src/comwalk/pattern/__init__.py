@@ -1,0 +1,46 @@
+"""Footsteps to CoM, ZMP and feet over time, Eqs. (1)-(13). No robot."""
+
+from typing import TYPE_CHECKING
+
+from ..lazy import exports_of
+
+if TYPE_CHECKING:
+    from .footsteps import PAPER_GAIT as PAPER_GAIT
+    from .footsteps import Foothold as Foothold
+    from .footsteps import Footstep as Footstep
+    from .footsteps import FootstepPlan as FootstepPlan
+    from .footsteps import Gait as Gait
+    from .footsteps import checked_count as checked_count
+    from .footsteps import excerpt as excerpt
+    from .footsteps import foot_poses as foot_poses
+    from .footsteps import load_plan as load_plan
+    from .footsteps import plan_segments as plan_segments
+    from .footsteps import plan_steps as plan_steps
+    from .footsteps import shortened as shortened
+    from .footsteps import slowed as slowed
+    from .footsteps import without_repeats as without_repeats
+    from .online import OnlinePattern as OnlinePattern
+    from .pendulum import PAPER_PENDULUM as PAPER_PENDULUM
+    from .pendulum import Pendulum as Pendulum
+    from .pendulum import zmp_of_motion as zmp_of_motion
+    from .phases import WORK_COLUMNS as WORK_COLUMNS
+    from .phases import fill_plan as fill_plan
+    from .polygon import convex_hull as convex_hull
+    from .polygon import polygon_margin as polygon_margin
+    from .polygon import rectangle as rectangle
+    from .polygon import rectangle_in as rectangle_in
+    from .polygon import share_between as share_between
+    from .records import COM as COM
+    from .records import PHASE_SIZE as PHASE_SIZE
+    from .records import ROW_SIZE as ROW_SIZE
+    from .reference import fill_reference as fill_reference
+    from .reference import minimum_jerk as minimum_jerk
+    from .reference import reference_of as reference_of
+    from .walk_pattern import Pattern as Pattern
+    from .walk_pattern import Phase as Phase
+    from .walk_pattern import Reference as Reference
+    from .walk_pattern import coefficients as coefficients
+    from .walk_pattern import make_pattern as make_pattern
+    from .walk_pattern import transfer_zmp as transfer_zmp
+
+__getattr__, __dir__ = exports_of(__name__, __file__)

@@ -1,0 +1,138 @@
+"""A robot as flat records: what compiled kernels run on.
+
+A *link* is all that moves with one joint; link 0 is the body center. In the model's
+zero posture all link frames have the axes of the body center, and each has its origin
+at its joint's anchor, so that kinematics are one rotation about one axis a joint.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable
+from typing import Any
+
+import numpy as np
+
+from ..embedding import (
+    ANY_AXIS,
+    LIMB,
+    LINK,
+    LONGEST,
+    SITE,
+    SLIDE,
+    Flat,
+    records,
+)
+from ..errors import ModelError
+from .model import (
+    Kinematics,
+    Robot,
+)
+
+
+def flatten(robot: Robot, sites: Iterable[int] = ()) -> Flat:
+    """Return a robot's records.
+
+    Args:
+        robot: The robot.
+        sites: Sites to be known besides the limbs' ends; they come first.
+
+    Returns:
+        New records.
+
+    Raises:
+        ModelError: If a joint is no hinge and no slide.
+    """
+    zero = _at_zero(robot)
+    links, link_of = _links(robot, zero)
+    known = np.array([*sites, *(x for x in robot.ends if x >= 0)], dtype=np.intp)
+    places = records(SITE, len(known))
+    places["link"] = link_of[robot.model.site_bodyid[known]]
+    points, places["turn"] = zero.sites(known)
+    places["point"] = points - zero.data.xanchor[places["link"]]
+    return Flat(links, _limbs(robot, links["parent"], places["link"]), places)
+
+
+def links_in(robot: Robot, model: Any) -> np.ndarray:
+    """Return the records of a robot's links as they are in a scene, with what it bears.
+
+    Args:
+        robot: The robot.
+        model: Compiled model of the scene, whose joints are the robot's.
+
+    Returns:
+        New records of `LINK`.
+    """
+    there = dataclasses.replace(robot, model=model)
+    return _links(there, _at_zero(there))[0]
+
+
+def _at_zero(robot: Robot) -> Kinematics:
+    """Return kinematics in the zero posture, the body center at the origin."""
+    zero, q = Kinematics(robot, ()), robot.model.qpos0.copy()
+    q[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
+    zero.update(q)
+    return zero
+
+
+def _links(robot: Robot, zero: Kinematics) -> tuple[np.ndarray, np.ndarray]:
+    """Return the records of all links, and the link of each body."""
+    m, links = robot.model, records(LINK, robot.model.njnt)
+    link_of = np.zeros(m.nbody, dtype=np.int64)
+    for body in range(1, m.nbody):
+        link, first = int(link_of[m.body_parentid[body]]), int(m.body_jntadr[body])
+        for joint in range(max(first, 1), first + int(m.body_jntnum[body])):
+            links["parent"][joint], link = link, joint
+        link_of[body] = link
+    anchors = zero.data.xanchor
+    links["offset"] = anchors - anchors[links["parent"]]
+    links["axis"][1:], links["zero"][1:] = zero.data.xaxis[1:], m.qpos0[7:]
+    links["kind"][1:] = [_kind(robot, zero, j) for j in range(1, m.njnt)]
+    for body in np.flatnonzero(m.body_rootid == robot.base_body):
+        k, share = link_of[body], m.body_mass[body] / robot.mass
+        links["mass"][k] += share
+        links["first"][k] += share * (zero.data.xipos[body] - anchors[k])
+    links["below"] = links["mass"]
+    for k in range(len(links) - 1, 0, -1):
+        links["below"][links["parent"][k]] += links["below"][k]
+    if robot.coupling is not None:
+        followers = robot.coupling.followers + 1
+        links["leader"][followers] = robot.coupling.leaders + 1
+        links["ratio"][followers] = robot.coupling.ratios
+    return links, link_of
+
+
+_SLIDE, _HINGE = 2, 3  # MuJoCo's numbers for these kinds of joints
+
+
+def _kind(robot: Robot, zero: Kinematics, joint: int) -> int:
+    """Return the kind of a joint: its axis, if that is one of the body's."""
+    kind = int(robot.model.jnt_type[joint])
+    if kind not in (_HINGE, _SLIDE):
+        raise ModelError(f"joint {robot.joints[joint - 1]} is no hinge and no slide")
+    axis = np.abs(zero.data.xaxis[joint])
+    i = int(np.argmax(axis))
+    along = np.delete(axis, i).max() < 1e-14
+    return SLIDE if kind == _SLIDE else (i if along else ANY_AXIS)
+
+
+def _limbs(robot: Robot, parents: np.ndarray, links_of_sites: np.ndarray) -> np.ndarray:
+    """Return the records of all limbs; one that cannot be solved has no site."""
+    limbs = records(LIMB, len(robot.limbs))
+    site = len(links_of_sites) - sum(end >= 0 for end in robot.ends)
+    for i, (limb, end) in enumerate(zip(robot.limbs, robot.ends, strict=True)):
+        limbs["site"][i] = -1
+        if end < 0:
+            continue
+        own, path = [j + 1 for j in limb.joints], []
+        link = int(links_of_sites[site])
+        while link:
+            path.append(link)
+            link = int(parents[link])
+        chain = [*own, *(k for k in path if k not in own)]
+        if set(own) <= set(path) and len(chain) <= LONGEST:
+            limbs["own"][i], limbs["all"][i] = len(own), len(chain)
+            limbs["chain"][i, : len(chain)] = chain
+            limbs["site"][i] = site
+        site += 1
+    return limbs

@@ -1,0 +1,142 @@
+"""A model as anatomy looks at it: chains of joints, their places and axes, masses."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from .loaders import Mimic
+from .mimic import couple
+
+
+@dataclass(frozen=True, eq=False)
+class Skeleton:
+    """A compiled model in one posture. Made by `zero_posture`."""
+
+    model: mujoco.MjModel
+    """The model; its first joint is the free joint of the base."""
+    data: mujoco.MjData
+    """Its kinematics."""
+    name: str
+    """What messages call it."""
+
+    def chain(self, body: int) -> tuple[int, ...]:
+        """Return the joints between the base and a body, base first."""
+        m, chain = self.model, []
+        while body != 0 and m.jnt_bodyid[0] != body:
+            first, count = int(m.body_jntadr[body]), int(m.body_jntnum[body])
+            chain = list(range(first, first + count)) + chain
+            body = int(m.body_parentid[body])
+        return tuple(chain)
+
+    def names(self, joints: Iterable[int]) -> tuple[str, ...]:
+        """Return the names of joints."""
+        return tuple(self.model.joint(j).name for j in joints)
+
+    def body_of(self, joint: int) -> int:
+        """Return the body that a joint moves."""
+        return int(self.model.jnt_bodyid[joint])
+
+    def welded(self, body: int) -> np.ndarray:
+        """Return all bodies that no joint separates from one."""
+        weld = self.model.body_weldid
+        return np.flatnonzero(weld == weld[body])
+
+    def beyond(self, body: int) -> list[int]:
+        """Return a body and all that hang on it, by joints or not."""
+        found = {body}
+        for b in range(body + 1, self.model.nbody):
+            if int(self.model.body_parentid[b]) in found:
+                found.add(b)
+        return sorted(found)
+
+    def centre(self, body: int) -> np.ndarray:
+        """Return the CoM of a body and all that is fixed to it [m], (3,)."""
+        bodies = self.welded(body)
+        mass = self.model.body_mass[bodies] + 1e-12
+        return mass @ self.data.xipos[bodies] / mass.sum()
+
+    def rotation(self, body: int) -> np.ndarray:
+        """Return the rotation of a body to the world, (3, 3)."""
+        return self.data.xmat[body].reshape(3, 3)
+
+    def anchors(self, joints: Sequence[int]) -> np.ndarray:
+        """Return where joints are [m], world, (n, 3)."""
+        return self.data.xanchor[list(joints)]
+
+    def axes(self, joints: Sequence[int]) -> np.ndarray:
+        """Return the axes of joints, world, (n, 3)."""
+        return self.data.xaxis[list(joints)]
+
+    def moved_mass(self, joint: int) -> float:
+        """Return the mass that a joint moves [kg]."""
+        return float(self.model.body_subtreemass[self.body_of(joint)])
+
+    def middle(self, joints: Sequence[int], end: np.ndarray) -> int:
+        """Return the place in a limb, which ends there, of its knee or elbow."""
+        return middle_joint(self.anchors(joints), self.axes(joints), end)
+
+    def hip(self, leg: Sequence[int]) -> int:
+        """Return the joint of a leg that swings it: that before the knee, like it."""
+        knee = self.middle(leg, self.anchors(leg)[-1])
+        axis = self.axes(leg)[knee]
+        alike = [j for j in leg[:knee] if abs(self.axes([j])[0] @ axis) > 0.7]
+        return alike[-1] if alike else leg[0]
+
+    def leg_length(self, leg: Sequence[int]) -> float:
+        """Return the length of a stretched leg, hip to knee to ankle [m]."""
+        anchors = self.anchors(leg)
+        knee = anchors[self.middle(leg, anchors[-1])]
+        thigh, shank = knee - self.anchors([self.hip(leg)])[0], anchors[-1] - knee
+        return float(np.linalg.norm(thigh) + np.linalg.norm(shank))
+
+
+def zero_posture(
+    model: mujoco.MjModel, name: str, mimics: Iterable[Mimic] = ()
+) -> Skeleton:
+    """Return a model with all joints at zero, or as near as their ranges allow.
+
+    Args:
+        model: The compiled model; its first joint is the free joint of the base.
+        name: What messages call it.
+        mimics: Joints that follow others.
+
+    Returns:
+        The posture: the base in the world's origin, turned as the file has it.
+    """
+    data = mujoco.MjData(model)
+    data.qpos[:3], data.qpos[3:7] = 0.0, model.qpos0[3:7]
+    low, high = model.jnt_range[1:].T
+    angles = np.where(model.jnt_limited[1:] > 0, np.clip(0.0, low, high), 0.0)
+    joints = [model.joint(k).name for k in range(1, model.njnt)]
+    coupling = couple(mimics, joints)
+    if coupling is not None:
+        coupling.follow(angles)
+    data.qpos[7:] = angles
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    return Skeleton(model, data, name)
+
+
+def middle_joint(anchors: np.ndarray, axes: np.ndarray, end: np.ndarray) -> int:
+    """Return which joint of a limb bends it in the middle: its knee or elbow.
+
+    Args:
+        anchors: Places of the joints [m], of shape (n, 3).
+        axes: Their axes, of shape (n, 3).
+        end: Where the limb ends [m], (3,).
+
+    Returns:
+        The joint that is farthest from both ends and does not merely twist the limb.
+    """
+    before, after = anchors - anchors[0], end - anchors
+    near = np.minimum(np.linalg.norm(before, axis=1), np.linalg.norm(after, axis=1))
+    bends = [
+        np.linalg.norm(np.cross(axes, way), axis=1)
+        / np.maximum(np.linalg.norm(way, axis=1), 1e-9)
+        for way in (before, after)
+    ]
+    return int(np.argmax(near * np.minimum(*bends)))

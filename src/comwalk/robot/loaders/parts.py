@@ -1,0 +1,145 @@
+"""What a robot's model file holds, before anything is known about its anatomy."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import mujoco
+import numpy as np
+
+from ...errors import ModelError
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """A joint that follows another one: q_joint = ratio q_primary + offset."""
+
+    joint: str
+    """Name of the joint that follows."""
+    primary: str
+    """Name of the joint that leads; it follows none itself."""
+    ratio: float
+    """Factor on the angle of the primary joint."""
+    offset: float
+    """Angle [rad] at zero of the primary joint."""
+
+
+@dataclass(frozen=True, eq=False)
+class LinkMesh:
+    """A mesh file that belongs to a body: where it is, not what is in it."""
+
+    body: str
+    """Name of the body."""
+    file: Path
+    """The file; it exists."""
+    position: np.ndarray
+    """Origin of the mesh [m] in the body's frame, of shape (3,)."""
+    rotation: np.ndarray
+    """Rotation mesh to body, of shape (3, 3)."""
+    scale: np.ndarray
+    """Factors on the file's coordinates along its axes, of shape (3,)."""
+    collides: bool
+    """Whether it is meant for contact, not for the eye."""
+    color: tuple[float, ...] | None = None
+    """Red, green, blue, alpha in [0, 1] if the robot's file names a color."""
+
+
+@dataclass(frozen=True, eq=False)
+class ModelFile:
+    """A robot as its file describes it, as one editable model with a floating base."""
+
+    name: str
+    """Name, for tables: that of the registry, or the stem of the file."""
+    path: Path
+    """The file."""
+    spec: mujoco.MjSpec
+    """The robot alone: the only body in the world has a free joint, all other joints
+    are hinges or slides. It compiles; what is added follows its `compiler`'s angles."""
+    mimics: tuple[Mimic, ...]
+    """Joints that follow others; the spec does not couple them."""
+    speed: dict[str, float]
+    """Speed limits [rad/s, m/s] of the joints that have one."""
+    torque: dict[str, float]
+    """Torque limits [N m, N] of the joints that have one."""
+    meshes: tuple[LinkMesh, ...]
+    """All meshes of the bodies that exist on disk, whether in the spec or not."""
+    notes: tuple[str, ...]
+    """What was repaired, dropped or missing, one line each."""
+    is_urdf: bool
+    """Whether the file is a URDF, else an MJCF."""
+
+
+def resolve_mimics(mimics: list[Mimic]) -> tuple[Mimic, ...]:
+    """Let each joint follow one that follows none: chains become direct.
+
+    Args:
+        mimics: The rules as the file gives them, at most one for a joint.
+
+    Returns:
+        The rules, in the same order.
+
+    Raises:
+        ModelError: If joints follow each other in a circle.
+    """
+    rules = {mimic.joint: mimic for mimic in mimics}
+    return tuple(_resolve(mimic, rules) for mimic in mimics)
+
+
+def _resolve(mimic: Mimic, rules: dict[str, Mimic]) -> Mimic:
+    """Return a rule after the joint at the head of its chain."""
+    primary, ratio, offset = mimic.primary, mimic.ratio, mimic.offset
+    seen = {mimic.joint}
+    while primary in rules:
+        if primary in seen:
+            raise ModelError(
+                f'joint "{mimic.joint}" follows others in a circle; let one lead'
+            )
+        seen.add(primary)
+        above = rules[primary]
+        primary, offset = above.primary, ratio * above.offset + offset
+        ratio *= above.ratio
+    return Mimic(mimic.joint, primary, ratio, offset)
+
+
+def first_of(names: Sequence[str], count: int = 4) -> str:
+    """Return the first few names for a message, and how many more there are.
+
+    Args:
+        names: The names.
+        count: How many to show.
+
+    Returns:
+        `a, b, c, d and 7 more`.
+    """
+    more = f" and {len(names) - count} more" if len(names) > count else ""
+    return ", ".join(names[:count]) + more
+
+
+def quaternion_of(R: np.ndarray) -> np.ndarray:
+    """Return the quaternion wxyz of a rotation matrix.
+
+    Args:
+        R: Rotation, of shape (3, 3).
+
+    Returns:
+        Unit quaternion, of shape (4,).
+    """
+    quaternion = np.empty(4)
+    mujoco.mju_mat2Quat(quaternion, np.ascontiguousarray(R, dtype=float).ravel())
+    return quaternion
+
+
+def rotation_of(quaternion: np.ndarray) -> np.ndarray:
+    """Return the rotation matrix of a quaternion wxyz.
+
+    Args:
+        quaternion: Unit quaternion, of shape (4,).
+
+    Returns:
+        Rotation, of shape (3, 3).
+    """
+    R = np.empty(9)
+    mujoco.mju_quat2Mat(R, quaternion)
+    return R.reshape(3, 3)

@@ -1,0 +1,593 @@
+"""A robot: its limbs, soles, limits and servos, from any humanoid, Eq. (14), (21).
+
+Frames have their REP-120 names (`l_sole`, `r_gripper`, `gaze`, ...), which a file gives
+or `marking` adds; limbs are the tree between them and the floating base. `Kinematics`
+turns a configuration into a `Posture` with MuJoCo's kinematics in C.
+"""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import mujoco
+import numpy as np
+
+from ..embedding import (
+    JointLimit,
+    Limb,
+    Posture,
+)
+from ..errors import (
+    ModelError,
+    ParameterError,
+    checked_number,
+)
+from ..sides import Side
+from .anatomy import Anatomy
+from .annotated import (
+    is_marked,
+    read_marks,
+)
+from .annotation import (
+    compile_model,
+    couple_in_physics,
+    coupling_of,
+    mark,
+)
+from .kinematic_tree import Skeleton
+from .loaders import (
+    ModelFile,
+    read_model,
+    rotation_of,
+)
+from .mimic import Coupling
+from .profile import (
+    Profile,
+    check_names,
+    read_profile,
+)
+from .roles import (
+    Role,
+    find_roles,
+)
+from .servos import (
+    Gains,
+    set_gains,
+    set_torque,
+)
+
+LEGS = {Side.LEFT: "left_leg", Side.RIGHT: "right_leg"}
+"""Names of the two legs among a robot's limbs."""
+
+# Limb, and the REP-120 frames (sites) that may mark its end, best first.
+_ENDS = {
+    "left_leg": ("l_sole_centre",),
+    "right_leg": ("r_sole_centre",),
+    "torso": ("torso",),
+    "left_arm": ("l_gripper", "l_wrist"),
+    "right_arm": ("r_gripper", "r_wrist"),
+    "head": ("gaze",),
+}
+_BY_MARKED = ("home", "limits", "servo")  # what marked models take of a profile
+
+
+@dataclass(frozen=True, eq=False)
+class Foot:
+    """One foot: its sole on the ground and its ankle sensor."""
+
+    sole: np.ndarray
+    """Corners of the sole [m] about its centre, counter-clockwise, of shape (k, 2)."""
+    site: int
+    """Site at the sole's centre: x forward, z up, on the contact surface."""
+    sensor_site: int
+    """Site of the ankle's force/torque sensor."""
+    mass: float
+    """Mass below the sensor [kg]."""
+    com: np.ndarray
+    """CoM of that mass [m], in the frame of the sensor's site, of shape (3,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Servo:
+    """Joint position servos: torque = stiffness (q_set - q) - damping dq."""
+
+    stiffness: np.ndarray
+    """Position gain [N m/rad], of shape (joints,)."""
+    damping: np.ndarray
+    """Velocity gain, with the joint's own damping [N m s/rad], of shape (joints,)."""
+    actuators: np.ndarray
+    """Actuator of each joint, of shape (joints,)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Robot:
+    """A humanoid as the controller knows it. Made by `load_robot`."""
+
+    name: str
+    """Name, for tables and folders."""
+    spec: mujoco.MjSpec
+    """The editable model, without floor or light."""
+    model: mujoco.MjModel
+    """The compiled model that kinematics run on."""
+    joints: tuple[str, ...]
+    """Names of the joints, in the order of qdot."""
+    limbs: tuple[Limb, ...]
+    """Legs, torso, arms, head: parents before children."""
+    ends: tuple[int, ...]
+    """Site at the end of each limb, -1 if none is marked."""
+    feet: dict[Side, Foot]
+    """The feet."""
+    servo: Servo
+    """The position servos."""
+    lower: np.ndarray
+    """Lower joint limits [rad], of shape (joints,)."""
+    upper: np.ndarray
+    """Upper joint limits [rad], of shape (joints,)."""
+    speed: np.ndarray
+    """Speed limits [rad/s], inf where the model gives none, of shape (joints,)."""
+    torque: np.ndarray
+    """Torque limits [N m], inf where the model gives none, of shape (joints,)."""
+    home: np.ndarray
+    """Configuration in the walking posture, MuJoCo's qpos, of shape (7 + joints,)."""
+    anatomy: Anatomy
+    """Its parts, and what was found out about them."""
+    roles: dict[str, Role]
+    """Which joint does what in a dance, and its sign, such as "l_shoulder_pitch"."""
+    notes: tuple[str, ...] = ()
+    """What was repaired, assumed or left out, a line each."""
+    coupling: Coupling | None = None
+    """Joints that follow others, None if none does."""
+
+    @property
+    def mass(self) -> float:
+        """Total mass [kg]."""
+        return float(self.model.body_subtreemass[self.base_body])
+
+    @property
+    def gravity(self) -> float:
+        """Gravitational acceleration of the model [m/s^2]."""
+        return float(np.linalg.norm(self.model.opt.gravity))
+
+    @property
+    def base_body(self) -> int:
+        """Body of the body center, the one with the free joint."""
+        return int(self.model.jnt_bodyid[0])
+
+    @property
+    def imu_site(self) -> int:
+        """Site of the IMU, on the trunk."""
+        return int(self.model.site("imu").id)
+
+    @property
+    def home_angles(self) -> dict[str, float]:
+        """Joint angles of the walking posture [rad], by joint."""
+        return dict(zip(self.joints, self.home[7:].tolist(), strict=True))
+
+    @property
+    def joint_limits(self) -> dict[str, JointLimit]:
+        """What each joint can do, by joint."""
+        columns = (self.lower.tolist(), self.upper.tolist(), self.speed.tolist())
+        rows = zip(self.joints, *columns, strict=True)
+        return {name: JointLimit(*limits) for name, *limits in rows}
+
+    @property
+    def upper_body(self) -> tuple[str, ...]:
+        """Names of the joints outside the legs: those that may dance."""
+        fixed = {j for x in self.limbs if x.name in LEGS.values() for j in x.joints}
+        if self.coupling is not None:
+            fixed |= set(self.coupling.followers.tolist())
+        return tuple(n for j, n in enumerate(self.joints) if j not in fixed)
+
+
+def load_robot(
+    source: str | Path = "paper",
+    *,
+    stiffness: float = 1.0,
+    profile: str | Path | Mapping[str, Any] | None = None,
+    geometry: bool = False,
+) -> Robot:
+    """Load a robot by name, or from a URDF or MJCF file.
+
+    Args:
+        source: Name of a known robot, or path of a file.
+        stiffness: Factor on the servos' position and velocity gains, in (0, 100].
+        profile: TOML file, or table of its keys, that tells what cannot be seen in
+            the robot's file, or is to be otherwise; see `profile.Profile`.
+        geometry: Whether meshes are loaded, for pictures; nothing else depends on it.
+
+    Returns:
+        The robot.
+
+    Raises:
+        ModelError: If the name is unknown, the file is missing or broken, or it is
+            no humanoid that can stand.
+        ParameterError: If the stiffness is out of range, or the profile is wrong.
+    """
+    factor = checked_number(
+        "stiffness", stiffness, low=0, high=100, open_low=True, hint="1 is the default"
+    )
+    told = read_profile(profile)
+    file = read_model(source, geometry=geometry)
+    joints = [j.name for j in file.spec.joints if j.type != mujoco.mjtJoint.mjJNT_FREE]
+    check_names(told, joints, [body.name for body in file.spec.bodies[1:]])
+    _set_limits(file, told)
+    marked = is_marked(file.spec)
+    anatomy = _read_marked(file, told) if marked else mark(file, told)
+    for actuator in file.spec.actuators:
+        actuator.gainprm[0] *= factor
+        actuator.biasprm[1] *= factor
+        actuator.biasprm[2] *= factor
+    return _robot_of(file, anatomy, told if marked else Profile())
+
+
+def _set_limits(file: ModelFile, profile: Profile) -> None:
+    """Give joints the limits that a profile gives."""
+    for joint in file.spec.joints:
+        limits = profile.limits.get(joint.name)
+        if limits is None:
+            continue
+        if limits.speed is not None:
+            file.speed[joint.name] = limits.speed
+        if limits.torque is not None:
+            file.torque[joint.name] = limits.torque
+            joint.actfrclimited = mujoco.mjtLimited.mjLIMITED_FALSE
+        if limits.lower is None and limits.upper is None:
+            continue
+        low, high = _range_of(file.spec, joint)
+        low = low if limits.lower is None else limits.lower
+        high = high if limits.upper is None else limits.upper
+        degrees = 180.0 / np.pi if file.spec.compiler.degree else 1.0
+        hinge = joint.type == mujoco.mjtJoint.mjJNT_HINGE
+        joint.range = np.array([low, high]) * (degrees if hinge else 1.0)
+        joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+
+
+def _range_of(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> tuple[float, float]:
+    """Return the range of a joint [rad], very wide if it has none."""
+    compiled = compile_model(spec.copy(), "the robot").joint(joint.name)
+    if not compiled.limited[0]:
+        return -100.0, 100.0
+    return float(compiled.range[0]), float(compiled.range[1])
+
+
+def _read_marked(file: ModelFile, profile: Profile) -> Anatomy:
+    """Return the anatomy of a model that marks its frames; a profile says the rest."""
+    wrong = [key for key in profile.given if key not in _BY_MARKED]
+    if wrong:
+        raise ParameterError(
+            f"profile: {file.path} marks its frames itself, so that a profile can say "
+            f"{', '.join(_BY_MARKED)}, but not {wrong[0]}"
+        )
+    anatomy = read_marks(file.spec, file.path, file.mimics)
+    couple_in_physics(file.spec, anatomy.coupled)
+    for actuator in file.spec.actuators:
+        name = actuator.target
+        if name in profile.servo:
+            own = Gains(actuator.gainprm[0], -actuator.biasprm[2])
+            set_gains(actuator, own.over(profile.servo[name]))
+        limits = profile.limits.get(name)
+        if limits is not None and limits.torque is not None:
+            set_torque(actuator, limits.torque)
+    return anatomy
+
+
+def _robot_of(file: ModelFile, anatomy: Anatomy, profile: Profile) -> Robot:
+    """Return the robot of a model that has all that walking needs."""
+    model, path = compile_model(file.spec, f"robot {file.path}"), file.path
+    joints = tuple(model.joint(i).name for i in range(1, model.njnt))
+    limbs, ends = _find_limbs(model, anatomy)
+    home, servo = _home(model, path, profile), _read_servo(model, joints, path)
+    ranges = np.where(
+        model.jnt_limited[1:, None] > 0, model.jnt_range[1:], [[-np.inf, np.inf]]
+    )
+    speed = np.array([file.speed.get(j, np.inf) for j in joints])
+    limits = ranges[:, 0], ranges[:, 1], speed
+    coupling = coupling_of(model, anatomy.coupled)
+    if coupling is not None:
+        limits = coupling.limits(*limits)
+    return Robot(
+        name=file.name,
+        spec=file.spec,
+        model=model,
+        joints=joints,
+        limbs=limbs,
+        ends=ends,
+        feet={side: _read_foot(model, side, anatomy) for side in Side},
+        servo=servo,
+        lower=limits[0],
+        upper=limits[1],
+        speed=limits[2],
+        torque=_torque_limits(model, servo),
+        home=home,
+        anatomy=anatomy,
+        roles=find_roles(model, home, anatomy),
+        notes=(*file.notes, *anatomy.notes),
+        coupling=coupling,
+    )
+
+
+def _read_foot(model: mujoco.MjModel, side: Side, anatomy: Anatomy) -> Foot:
+    """Return a foot from its sites."""
+    letter = side.value[0]
+    sole = model.site(f"{letter}_sole").id
+    names = [model.site(i).name for i in range(model.nsite)]
+    sensor_name = f"{letter}_ankle_ft"
+    sensor = names.index(sensor_name) if sensor_name in names else sole
+    body = int(model.site_bodyid[sensor])
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    arm = data.subtree_com[body] - data.site_xpos[sensor]
+    return Foot(
+        sole=anatomy.soles[side].polygon,
+        site=model.site(f"{letter}_sole_centre").id,
+        sensor_site=sensor,
+        mass=float(model.body_subtreemass[body]),
+        com=data.site_xmat[sensor].reshape(3, 3).T @ arm,
+    )
+
+
+def _find_limbs(
+    model: mujoco.MjModel, anatomy: Anatomy
+) -> tuple[tuple[Limb, ...], tuple[int, ...]]:
+    """Return the limbs and the sites of their ends, -1 where none is marked.
+
+    The torso carries the limbs whose joints come after its own; what is in no limb
+    makes the limb "rest".
+    """
+    parts = {LEGS[side]: anatomy.legs[side] for side in Side}
+    parts |= {"torso": anatomy.torso}
+    parts |= {f"{side}_arm": anatomy.arms.get(side, ()) for side in Side}
+    parts |= {"head": anatomy.head}
+    index = {model.joint(i).name: i - 1 for i in range(1, model.njnt)}
+    look, limbs = Skeleton(model, mujoco.MjData(model), ""), []
+    for name, joints in parts.items():
+        if joints:
+            own = tuple(index[j] for j in joints)
+            path = look.names(look.chain(look.body_of(own[-1] + 1)))
+            carried = name != "torso" and {*anatomy.torso} & {*path}
+            parent = "torso" if carried else None
+            limbs.append(Limb(name=name, joints=own, parent=parent))
+    used = {j for limb in limbs for j in limb.joints}
+    rest = tuple(j for j in index.values() if j not in used)
+    if rest:
+        limbs.append(Limb(name="rest", joints=rest))
+    sites = {model.site(i).name: i for i in range(model.nsite)}
+    ends = [
+        next((sites[frame] for frame in _ENDS.get(x.name, ()) if frame in sites), -1)
+        for x in limbs
+    ]
+    return tuple(limbs), tuple(ends)
+
+
+def _read_servo(model: mujoco.MjModel, joints: Iterable[str], path: Path) -> Servo:
+    """Return the position servo of each joint."""
+    actuators = []
+    for i, name in enumerate(joints, start=1):
+        driving = [
+            a
+            for a in range(model.nu)
+            if model.actuator_trnid[a, 0] == i
+            and model.actuator_trntype[a] == int(mujoco.mjtTrn.mjTRN_JOINT)
+            and model.actuator_biasprm[a, 1] < 0
+        ]
+        if len(driving) != 1:
+            raise ModelError(
+                f'robot {path}: joint "{name}" has {len(driving)} position actuators; '
+                f'add <position joint="{name}" kp="..." kv="..."/>'
+            )
+        actuators.append(driving[0])
+    index = np.array(actuators)
+    return Servo(
+        stiffness=model.actuator_gainprm[index, 0].copy(),
+        damping=-model.actuator_biasprm[index, 2] + model.dof_damping[6:],
+        actuators=index,
+    )
+
+
+def _torque_limits(model: mujoco.MjModel, servo: Servo) -> np.ndarray:
+    """Return torque limits of the actuators."""
+    limited = model.actuator_forcelimited[servo.actuators] > 0
+    return np.where(limited, model.actuator_forcerange[servo.actuators, 1], np.inf)
+
+
+def _home(model: mujoco.MjModel, path: Path, profile: Profile) -> np.ndarray:
+    """Return the configuration of the keyframe "walk", or of the first one."""
+    names = [model.key(i).name for i in range(model.nkey)]
+    if not names:
+        raise ModelError(
+            f'robot {path} has no keyframe: add <key name="walk" qpos="..."/> with '
+            "bent knees"
+        )
+    name = "walk" if "walk" in names else names[0]
+    q = model.key_qpos[names.index(name)].copy()
+    if not np.isfinite(q).all():
+        raise ModelError(
+            f'robot {path}: keyframe "{name}" holds something that is no number'
+        )
+    if profile.home:
+        q, name = _with_angles(model, q, profile), "walk of the profile"
+    low, high = model.jnt_range[1:, 0] - 1e-6, model.jnt_range[1:, 1] + 1e-6
+    past = (model.jnt_limited[1:] > 0) & ((q[7:] < low) | (q[7:] > high))
+    if past.any():
+        j = int(np.flatnonzero(past)[0])
+        raise ModelError(
+            f'robot {path}: keyframe "{name}" has joint "{model.joint(j + 1).name}" at '
+            f"{q[7 + j]:.4g} rad, outside its range [{low[j]:.4g}, {high[j]:.4g}]"
+        )
+    return q
+
+
+def _with_angles(model: mujoco.MjModel, q: np.ndarray, profile: Profile) -> np.ndarray:
+    """Return a configuration with other angles, its lower sole as high as before."""
+    data, sites = mujoco.MjData(model), []
+    q, sites = q.copy(), [model.site(f"{s.value[0]}_sole").id for s in Side]
+
+    def lowest() -> float:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        return float(data.site_xpos[sites, 2].min())
+
+    before = lowest()
+    for joint, angle in profile.home.items():
+        q[model.joint(joint).qposadr[0]] = angle
+    q[2] += before - lowest()
+    return q
+
+
+class Kinematics:
+    """Turns configurations of one robot into postures. Final.
+
+    It owns the workspace (MuJoCo's `mjData`) that it computes in.
+    """
+
+    def __init__(self, robot: Robot, limbs: Iterable[str] | None = None) -> None:
+        """Allocate the workspace.
+
+        Args:
+            robot: The robot.
+            limbs: Names of the limbs whose Jacobians are wanted, which saves time;
+                all if None. The others' stay zero.
+        """
+        self.robot = robot
+        self.data = mujoco.MjData(robot.model)
+        self._accelerating = copy.copy(robot.model)  # its gravity is changed
+        self._gravity = robot.model.opt.gravity.copy()
+        self._jacobian = np.zeros((3 + 6 * len(robot.ends), robot.model.nv))
+        self._ends = np.maximum(robot.ends, 0)
+        wanted = {x.name for x in robot.limbs} if limbs is None else set(limbs)
+        sites = [
+            (3 + 6 * i, site)
+            for i, (limb, site) in enumerate(zip(robot.limbs, robot.ends, strict=True))
+            if site >= 0 and limb.name in wanted
+        ]
+        # Views into MuJoCo's memory, made once: each access through mjData copies.
+        J, d, root = self._jacobian, self.data, robot.base_body
+        self._root = root
+        self._end_rows = [(J[k : k + 3], J[k + 3 : k + 6], site) for k, site in sites]
+        self._com_rows, self._turn_columns = J[:3], J[:, 3:6]
+        self._qpos, self._felt = d.qpos, self._accelerating.opt.gravity
+        self._xpos, self._xmat = d.xpos[root], d.xmat[root].reshape(3, 3)
+        self._com, self._site_xpos = d.subtree_com[root], d.site_xpos
+        self._site_xmat = d.site_xmat
+
+    def update(self, q: np.ndarray) -> None:
+        """Compute positions of all bodies and the CoM, no Jacobians.
+
+        Args:
+            q: Configuration: base position [m], quaternion wxyz, joint angles [rad],
+                of shape (7 + joints,).
+        """
+        self._qpos[:] = q
+        mujoco.mj_kinematics(self.robot.model, self.data)
+        mujoco.mj_comPos(self.robot.model, self.data)
+
+    @property
+    def com(self) -> np.ndarray:
+        """CoM after the last `update` [m], world; a view, of shape (3,)."""
+        return self._com
+
+    def sites(self, indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return where frames are after the last `update`.
+
+        Args:
+            indices: Indices of k sites.
+
+        Returns:
+            Positions [m], world, of shape (k, 3), and rotations to world, (k, 3, 3).
+        """
+        rotations = self._site_xmat.take(indices, axis=0).reshape(-1, 3, 3)
+        return self._site_xpos.take(indices, axis=0), rotations
+
+    def posture(self, q: np.ndarray) -> Posture:
+        """Return the posture at a configuration, with all Jacobians, Eq. (14), (21).
+
+        Args:
+            q: Configuration: base position [m], quaternion wxyz, joint angles [rad],
+                of shape (7 + joints,).
+
+        Returns:
+            The posture. Ends that no site marks have a zero Jacobian.
+        """
+        self.update(q)
+        m, d = self.robot.model, self.data
+        mujoco.mj_jacSubtreeCom(m, d, self._com_rows, self._root)
+        for linear, angular, site in self._end_rows:
+            mujoco.mj_jacSite(m, d, linear, angular, site)
+        J, R_o = self._jacobian.copy(), self._xmat.copy()
+        # MuJoCo's base rates are in body axes.
+        J[:, 3:6] = self._turn_columns @ R_o.T
+        if self.robot.coupling is not None:
+            self.robot.coupling.fold(J)
+        ends, rotations = self.sites(self._ends)
+        return Posture(self._xpos.copy(), R_o, self._com.copy(), ends, rotations, J)
+
+    def integrate(
+        self,
+        q: np.ndarray,
+        velocity: np.ndarray,
+        dt: float,
+        rotation: np.ndarray | None = None,
+    ) -> np.ndarray:
+        """Return the configuration after a velocity for a time.
+
+        Args:
+            q: Configuration, of shape (7 + joints,).
+            velocity: v = [xdot_o; qdot] [m/s, rad/s], world axes.
+            dt: Duration [s].
+            rotation: R_o of the configuration, if it is known already, (3, 3).
+
+        Returns:
+            The new configuration, of shape (7 + joints,).
+        """
+        local, result = velocity.copy(), q.copy()
+        if rotation is None:
+            rotation = rotation_of(q[3:7])
+        if self.robot.coupling is not None:
+            self.robot.coupling.unfold(local)
+        local[3:6] = velocity[3:6] @ rotation
+        mujoco.mj_integratePos(self.robot.model, result, local, dt)
+        return result
+
+    def holding_forces(self, com_acceleration: np.ndarray) -> np.ndarray:
+        """Return the generalised forces that carry the body, ground forces excluded.
+
+        They belong to the configuration of the last `update` or `posture`. The whole
+        body is taken to accelerate like its CoM, as the simplified model (1)-(3) does.
+
+        Args:
+            com_acceleration: CoM acceleration [m/s^2], world, of shape (3,).
+
+        Returns:
+            Forces [N, N m] in MuJoCo's coordinates, of shape (6 + joints,).
+        """
+        forces = np.empty(len(self._qpos) - 1)
+        np.subtract(self._gravity, com_acceleration, out=self._felt)
+        mujoco.mj_rne(self._accelerating, self.data, 0, forces)
+        if self.robot.coupling is not None:
+            self.robot.coupling.fold(forces)
+        return forces
+
+    def angular_momentum(self, velocity: np.ndarray) -> np.ndarray:
+        """Return the angular momentum about the CoM.
+
+        It belongs to the configuration of the last `update` or `posture`.
+
+        Args:
+            velocity: v = [xdot_o; qdot] [m/s, rad/s], world axes.
+
+        Returns:
+            Angular momentum [N m s], world, of shape (3,).
+        """
+        m, d = self.robot.model, self.data
+        d.qvel[:] = velocity
+        if self.robot.coupling is not None:
+            self.robot.coupling.unfold(d.qvel)
+        d.qvel[3:6] = velocity[3:6] @ self._xmat
+        mujoco.mj_comVel(m, d)
+        mujoco.mj_subtreeVel(m, d)
+        return d.subtree_angmom[self._root].copy()

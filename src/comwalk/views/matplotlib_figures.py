@@ -1,0 +1,595 @@
+"""The paper's figures: pattern (Fig. 3), arms (5), dance (6) and walk (7).
+
+All are drawn with matplotlib's objects, without its global state.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Generator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure, SubFigure
+from matplotlib.patches import Patch, Polygon
+
+from ..embedding import EmbeddedMotion
+from ..errors import RunError
+from ..pattern import (
+    Pattern,
+    Phase,
+    foot_poses,
+    rectangle,
+)
+from ..runs import RunData, summarize
+
+DPI = 150
+"""Resolution of pictures [dots/inch]."""
+
+_BLUE, _ORANGE, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#B0609A"
+_SKY, _YELLOW, _BROWN, _INK, _GREY = "#56B4E9", "#E69F00", "#7A4A21", "#222222", "#777"
+_CYCLE = (_BLUE, _ORANGE, _GREEN, _PURPLE, _YELLOW, _SKY, _BROWN, _INK, _GREY)
+_SINGLES = {Phase.SINGLE_LEFT: "#E3EEF8", Phase.SINGLE_RIGHT: "#FBEBDD"}
+STYLE: dict[Any, Any] = {
+    "figure.facecolor": "white",
+    "font.family": "DejaVu Sans",
+    "font.size": 10.0,
+    "mathtext.fontset": "stix",
+    "axes.titlesize": 10.5,
+    "axes.titlelocation": "left",
+    "axes.labelsize": 10.0,
+    "axes.edgecolor": "#999999",
+    "axes.linewidth": 0.8,
+    "axes.grid": True,
+    "axes.axisbelow": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.color": "#DADADA",
+    "grid.linewidth": 0.6,
+    "xtick.labelsize": 9.0,
+    "ytick.labelsize": 9.0,
+    "xtick.color": "#444444",
+    "ytick.color": "#444444",
+    "legend.frameon": False,
+    "legend.fontsize": 10.0,
+    "legend.handlelength": 2.2,
+    "lines.linewidth": 1.5,
+    "lines.solid_capstyle": "round",
+    "savefig.dpi": DPI,
+}
+"""Style of all figures, for `matplotlib.rc_context`."""
+_AXES = ("x", "y")
+_DASHED = (0, (4, 2))
+_LINES: dict[str, dict[str, Any]] = {
+    "zmp_filtered": {"color": _ORANGE, "lw": 1.2, "label": "ZMP $p_i$"},
+    "com": {"color": _BLUE, "lw": 1.8, "label": "CoM $c_i$"},
+    "com_true": {"color": _SKY, "lw": 1.3, "label": "CoM, true"},
+    "zmp_ref": {"color": "#7A3300", "lw": 1.0, "ls": _DASHED, "label": "$p_i^d$"},
+    "com_ref": {"color": "#00304D", "lw": 1.0, "ls": _DASHED, "label": "$c_i^d$"},
+}
+
+
+class Row(NamedTuple):
+    """One quantity of a figure, as the paper states it and as it came out."""
+
+    quantity: str
+    """What it is; may hold mathematics such as `$K_x$`."""
+    paper: str
+    """The paper's figure, or "-"."""
+    ours: str
+    """Our figure."""
+    unit: str = ""
+    """Unit of both."""
+
+
+@contextmanager
+def _page(
+    width: float, height: float, table: Sequence[Row] = ()
+) -> Generator[tuple[Figure, Figure | SubFigure]]:
+    """Make a figure in the style of all figures.
+
+    Args:
+        width: Width [inch].
+        height: Height without the table [inch].
+        table: Rows of a table below, if any.
+
+    Yields:
+        The figure, and the part of it above the table to draw on.
+    """
+    with matplotlib.rc_context(STYLE):
+        columns = max(1, round(width / 4.5)) if len(table) > 5 else 1
+        low = 0.23 * (_table_lines(table, columns) + 1.5) if table else 0.0
+        figure = Figure(figsize=(width, height + low), layout="constrained")
+        if not table:
+            yield figure, figure
+            return
+        parts: Any = figure.subfigures(2, 1, height_ratios=[height, low])
+        page, foot = parts
+        _add_table(foot, table, columns)
+        yield figure, page
+
+
+def write_figure(figure: Figure, path: str | Path | None) -> Figure:
+    """Write a figure to a file.
+
+    Args:
+        figure: The figure.
+        path: The file; its ending gives the format, .png, .pdf or .svg. None writes
+            nothing.
+
+    Returns:
+        The same figure.
+
+    Raises:
+        RunError: If the file cannot be written.
+    """
+    if path is None:
+        return figure
+    try:
+        with matplotlib.rc_context(STYLE):
+            figure.savefig(path, dpi=DPI)
+    except OSError as error:
+        reason = error.strerror or error
+        raise RunError(f"cannot write the figure {path}: {reason}") from None
+    except ValueError:
+        raise RunError(
+            f"cannot write the figure {path}: its name must end in .png, .pdf or .svg"
+        ) from None
+    return figure
+
+
+def _add_table(panel: SubFigure, rows: Sequence[Row], columns: int) -> None:
+    """Write what the paper states, and ours, as a small table in columns."""
+    style: dict[str, Any] = {"fontsize": 9.5, "math_fontfamily": "stix"}
+    count = _table_lines(rows, columns)
+    for c in range(columns):
+        part = rows[c * count : (c + 1) * count]
+        for k, row in enumerate([Row("", "paper", "comwalk"), *part]):
+            y = 1.0 - (k + 0.5) / (count + 1.5)
+            color = _GREY if k == 0 else _INK
+            cells = (row.quantity, row.paper, f"{row.ours} {row.unit}".strip())
+            for x, text in zip((0.04, 0.60, 0.76), cells, strict=True):
+                place = (c + x) / columns
+                panel.text(place, y, text, va="center", color=color, **style)
+
+
+def _table_lines(rows: Sequence[Row], columns: int) -> int:
+    """Return how many lines of rows a table has."""
+    return -(-len(rows) // columns)
+
+
+# ---- Fig. 7: a walk ---------------------------------------------------------------
+
+
+def plot_run(
+    run: RunData, path: str | Path | None = None, *, table: Sequence[Row] = ()
+) -> Figure:
+    """Draw CoM and ZMP of a run, desired and actual, as in Fig. 7.
+
+    Above, x and y over time with the supporting foot shaded; below, the errors in mm.
+    A long run has its middle, or its fall, enlarged on the right.
+
+    Args:
+        run: What `simulate` returned.
+        path: Where to write a picture; not written if None.
+        table: Rows of a small table to write below.
+
+    Returns:
+        The figure.
+
+    Raises:
+        RunError: If the picture cannot be written.
+    """
+    detail = _detail(run)
+    with _page(12.0 if detail else 9.0, 9.2, table) as (figure, page):
+        axes = page.subplots(
+            4,
+            2 if detail else 1,
+            sharex="col",
+            squeeze=False,
+            height_ratios=(1.25, 1.25, 0.8, 0.8),
+            width_ratios=(1.7, 1.0) if detail else None,
+        )
+        for column, span in zip(axes.T, [None, detail], strict=False):
+            _run_column(column, run, span)
+        page.suptitle(_run_title(run), x=0.01, ha="left", fontsize=11.5)
+        _run_legend(page, axes[0, 0])
+        page.align_ylabels(axes)
+    return write_figure(figure, path)
+
+
+def _detail(run: RunData) -> tuple[float, float] | None:
+    """Return the time span to enlarge [s]: two steps in the middle, or the end."""
+    end = float(run.log["t"][-1])
+    spans = run.pattern.phases
+    singles = [s for s in spans if s.phase in _SINGLES and s.start < end]
+    if end < 8.0 or len(singles) < 4:
+        return None
+    if not run.outcome.ok:
+        return end - 3.0, end
+    middle = singles[len(singles) // 2 - 1 : len(singles) // 2 + 1]
+    first, last = middle[0], middle[-1]
+    pad = 0.5 * (last.start - first.start - first.duration)
+    return first.start - 2.0 * pad, last.start + last.duration + 2.0 * pad
+
+
+def _run_column(
+    axes: Sequence[Axes], run: RunData, span: tuple[float, float] | None
+) -> None:
+    """Draw x, y and both errors into four axes."""
+    t, rows = run.log["t"], slice(None)
+    if span is not None:
+        rows = slice(*np.searchsorted(t, span).tolist())
+    for i in range(2):
+        _com_and_zmp(axes[i], run, i, rows)
+    begin, end = span or (float(t[0]), float(t[-1]))
+    for ax in axes:
+        _shade(ax, run.pattern, begin, end)
+        if not run.outcome.ok:
+            ax.axvline(run.outcome.time, color=_INK, lw=1.5, ls=":")
+    for i, ax in enumerate(axes[2:]):
+        _errors(ax, run, i, rows)
+    axes[-1].set_xlabel("t [s]" if span is None else "t [s], enlarged")
+    margin = 1e-3 if run.outcome.ok else 0.02 * (end - begin) + 1e-3
+    axes[0].set_xlim(begin, end + margin)
+
+
+def _com_and_zmp(ax: Axes, run: RunData, i: int, rows: slice) -> None:
+    """Draw CoM and ZMP of one axis."""
+    log, t = run.log, run.log["t"][rows]
+    for column, style in _LINES.items():
+        if column in log:
+            ax.plot(t, log[column][rows, i], **style)
+    ax.set_ylabel(f"{_AXES[i]} [m]")
+    known = [log[c][rows, i] for c in ("zmp_ref", "com_ref", "com")]
+    low, high = np.min(known), np.max(known)
+    pad = 0.1 * (high - low) + 0.015
+    if np.isfinite(pad):
+        ax.set_ylim(low - pad, high + pad)
+
+
+def _errors(ax: Axes, run: RunData, i: int, rows: slice) -> None:
+    """Draw the errors of CoM and ZMP of one axis in mm."""
+    log, t = run.log, run.log["t"][rows]
+    references = {"zmp_filtered": "zmp_ref_filtered"}
+    for column in ("zmp_filtered", "com", "com_true"):
+        if column in log:
+            desired = log[references.get(column, "com_ref")][rows, i]
+            error = 1e3 * (desired - log[column][rows, i])
+            ax.plot(t, error, **_LINES[column])
+    ax.axhline(0.0, color=_GREY, lw=0.8)
+    ax.set_ylabel(f"desired - actual\n{_AXES[i]} [mm]")
+
+
+def _shade(ax: Axes, pattern: Pattern, begin: float, end: float) -> None:
+    """Shade the single supports."""
+    for span in pattern.phases:
+        start, stop = max(span.start, begin), min(span.start + span.duration, end)
+        if span.phase in _SINGLES and start < stop:
+            ax.axvspan(start, stop, color=_SINGLES[span.phase], lw=0, zorder=0)
+
+
+def _run_title(run: RunData) -> str:
+    """Return the outcome and the main figures in two lines."""
+    figures = summarize(run.log, run.pattern, run.outcome, run.seconds)
+    name = "simplified model" if run.robot is None else f'robot "{run.robot.name}"'
+    com = figures["com_error_rms_mm"]
+    kind = "true" if "true" in com else "measured"
+    com, zmp = com[kind], figures["zmp_error_rms_mm"]
+    steps = f"{figures['steps_completed']}/{figures['steps_planned']} steps"
+    gap = " " if run.outcome.ok else "\n"
+    return (
+        f"{name}, {steps}, {figures['distance_m']:.2f} m:{gap}{run.outcome}\n"
+        f"rms errors x, y: CoM ({kind}) {com['x']:.1f}, {com['y']:.1f} mm;  "
+        f"ZMP {zmp['x']:.1f}, {zmp['y']:.1f} mm"
+    )
+
+
+def _run_legend(page: Figure | SubFigure, ax: Axes) -> None:
+    """Put one legend for both axes below the panels."""
+    handles, labels = ax.get_legend_handles_labels()
+    handles += [Patch(color=_SINGLES[phase]) for phase in _SINGLES]
+    labels += ["left foot", "right foot supports"]
+    page.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+
+
+# ---- Fig. 3: the pattern ----------------------------------------------------------
+
+
+class _Steps(NamedTuple):
+    """Two steps of a pattern, seen from the middle of the feet before them."""
+
+    t: np.ndarray  # [s] from the middle of the double support
+    com: np.ndarray  # [m], (k, 2)
+    zmp: np.ndarray  # [m], (k, 2)
+    T: float  # [s]
+    t_d: float  # [s]
+    side: float  # +1 if the left foot supports first
+    K: np.ndarray | None  # (K_x, K_y) [m], if the ZMP of double support has them
+
+
+def plot_pattern(
+    pattern: Pattern, path: str | Path | None = None, *, table: Sequence[Row] = ()
+) -> Figure:
+    """Draw a pattern: two steps in the middle as in Fig. 3, and the footprints.
+
+    K_x and K_y are those of the drawn steps: near the start of a short plan they differ
+    from Eqs. (8) and (13), which hold for a walk without end.
+
+    Args:
+        pattern: What to draw.
+        path: Where to write a picture; not written if None.
+        table: Rows of a small table to write below.
+
+    Returns:
+        The figure.
+
+    Raises:
+        RunError: If the picture cannot be written.
+    """
+    samples = pattern.sample(np.linspace(0.0, pattern.duration, 2000))
+    extent = np.ptp(np.concatenate([samples.left, samples.right])[:, :2], axis=0) + 0.3
+    above = float(np.clip(9.5 * extent[1] / extent[0], 1.0, 6.5)) + 0.8
+    steps = _middle_steps(pattern)
+    rows = ["t"] if steps is None else ["xy", "tt"]
+    heights = [3.4, above][-len(rows) :]
+    with _page(10.5, sum(heights), table) as (figure, page):
+        axes = page.subplot_mosaic(";".join(rows), height_ratios=heights)
+        _top_view(axes["t"], pattern, samples.com, samples.zmp)
+        if steps is not None:
+            _step_x(axes["x"], steps)
+            _step_y(axes["y"], steps)
+    return write_figure(figure, path)
+
+
+def _middle_steps(pattern: Pattern) -> _Steps | None:
+    """Return up to two steps from the middle of a pattern; None if it only stands."""
+    spans = pattern.phases
+    swings = [k for k, span in enumerate(spans) if span.phase in _SINGLES]
+    if not swings:
+        return None
+    k = (len(swings) - 1) // 2
+    if spans[swings[k]].phase is not Phase.SINGLE_LEFT and k + 2 < len(swings):
+        k += 1  # as in the paper, the left foot first
+    count = min(2, len(swings) - k)
+    before, single = spans[swings[k] - 1], spans[swings[k]]
+    t_d = before.duration / 2
+    T = single.duration + 2 * t_d
+    start = single.start - t_d
+    t = np.linspace(0.0, count * T, 400 * count + 1)
+    samples = pattern.sample(start + t)
+    origin = 0.5 * (samples.left[0, :2] + samples.right[0, :2])
+    yaw = samples.heading[0]
+    turn = np.array([[np.cos(yaw), np.sin(yaw)], [-np.sin(yaw), np.cos(yaw)]])
+    side = 1.0 if single.phase is Phase.SINGLE_LEFT else -1.0
+    com = (samples.com[:, :2] - origin) @ turn.T
+    K = None
+    if pattern.plan.double_support == "paper":
+        K = turn @ (pattern.at(single.start).com[:2] - origin)
+    return _Steps(t, com, (samples.zmp - origin) @ turn.T, T, t_d, side, K)
+
+
+def _step_x(ax: Axes, steps: _Steps) -> None:
+    """Draw x over one step, with T, t_d, B and K_x as in Fig. 3."""
+    t, T, t_d = steps.t, steps.T, steps.t_d
+    one = t <= T + 1e-9
+    _step_lines(ax, steps, 0, one)
+    B = float(np.interp(T / 2, t, steps.zmp[:, 0]))
+    _level(ax, B, f"$B$ = {1e3 * B:.4g} mm", 0.87)
+    if steps.K is not None:
+        _level(ax, steps.K[0], f"$K_x$ = {1e3 * steps.K[0]:.2f} mm", 0.87)
+    _times(ax, {"$t_d$": t_d, "$T-t_d$": T - t_d, "$T$": T})
+    ax.set_title("x over one step")
+    ax.set_ylabel("x [m]")
+    ax.legend(loc="upper left")
+
+
+def _step_y(ax: Axes, steps: _Steps) -> None:
+    """Draw y over two steps, with A and K_y as in Fig. 3."""
+    t, T, t_d = steps.t, steps.T, steps.t_d
+    _step_lines(ax, steps, 1, slice(None))
+    A = float(np.interp(T / 2, t, steps.zmp[:, 1]))
+    _level(ax, A, f"$A$ = {1e3 * abs(A):.4g} mm", 1.0)
+    if steps.K is not None:
+        _level(ax, steps.K[1], f"$K_y$ = {1e3 * abs(steps.K[1]):.2f} mm", 1.0)
+    _times(ax, {"$t_d$": t_d, "$T$": T} | ({"$2T$": 2 * T} if t[-1] > 1.5 * T else {}))
+    ax.set_title("y over two steps")
+    ax.set_ylabel("y [m]")
+
+
+def _step_lines(ax: Axes, steps: _Steps, i: int, rows: Any) -> None:
+    """Draw the ZMP as a broken line, the CoM as a smooth one."""
+    for k in range(round(float(steps.t[rows][-1]) / steps.T)):
+        sign = steps.side * (-1.0) ** k
+        phase = Phase.SINGLE_LEFT if sign > 0 else Phase.SINGLE_RIGHT
+        begin = k * steps.T
+        ax.axvspan(
+            begin + steps.t_d,
+            begin + steps.T - steps.t_d,
+            color=_SINGLES[phase],
+            lw=0,
+            zorder=0,
+        )
+    t = steps.t[rows]
+    ax.plot(t, steps.zmp[rows, i], color=_ORANGE, ls=_DASHED, label="ZMP $p^d$")
+    ax.plot(t, steps.com[rows, i], color=_BLUE, lw=2.0, label="CoM $c^d$")
+    ax.set_xlim(0.0, float(t[-1]))
+
+
+def _level(ax: Axes, value: float, text: str, place: float) -> None:
+    """Mark a height with its name, which ends at a part of the width."""
+    ax.axhline(value, color=_GREY, lw=0.8, ls=":")
+    ax.annotate(
+        text,
+        (place, value),
+        xycoords=("axes fraction", "data"),
+        xytext=(-3, 3),
+        textcoords="offset points",
+        ha="right",
+        color=_INK,
+    )
+
+
+def _times(ax: Axes, marks: dict[str, float]) -> None:
+    """Mark times by name on the axis."""
+    labels = ["0", *(f"{name}\n{time:g}" for name, time in marks.items())]
+    ax.set_xticks([0.0, *marks.values()], labels, math_fontfamily="stix")
+    ax.set_xlabel("t [s]")
+
+
+def _top_view(ax: Axes, pattern: Pattern, com: np.ndarray, zmp: np.ndarray) -> None:
+    """Draw CoM and ZMP among the footprints, seen from above."""
+    feet = foot_poses(pattern.plan).reshape(-1, 2, 3)
+    for k, phase in enumerate(_SINGLES):
+        for x, y, yaw in np.unique(feet[:, k], axis=0).tolist():
+            sole = rectangle(x, y, yaw, pattern.plan.sole_size)
+            style = {"fc": _SINGLES[phase], "ec": "#999999", "lw": 0.7}
+            ax.add_patch(Polygon(sole, closed=True, **style))
+    ax.plot(*zmp.T, color=_ORANGE, ls=_DASHED, lw=1.0, label="ZMP $p^d$")
+    ax.plot(*com[:, :2].T, color=_BLUE, lw=1.6, label="CoM $c^d$")
+    ax.set_aspect("equal", adjustable="box")
+    ax.set_title(
+        f"Seen from above: {pattern.plan.count} steps, {pattern.duration:.4g} s"
+    )
+    ax.set_xlabel("x [m]")
+    ax.set_ylabel("y [m]")
+
+
+# ---- Figs. 5 and 6: a dance -------------------------------------------------------
+
+
+def plot_arms(
+    source: EmbeddedMotion | RunData,
+    path: str | Path | None = None,
+    *,
+    table: Sequence[Row] = (),
+) -> Figure:
+    """Draw the joints of the arms over time, as in Fig. 5.
+
+    Args:
+        source: A motion as it will be played; or a run, whose set-points are dashed.
+        path: Where to write a picture; not written if None.
+        table: Rows of a small table to write below.
+
+    Returns:
+        The figure.
+
+    Raises:
+        RunError: If the picture cannot be written, or no arm, waist or head moved.
+    """
+    embedded = isinstance(source, EmbeddedMotion)
+    t, curves = _motion_joints(source) if embedded else _run_joints(source)
+    groups: dict[str, list[str]] = {}
+    for joint in curves:
+        side = _SIDES.get(joint.lower()[:2], "waist and head")
+        groups.setdefault(side, []).append(joint)
+    with _page(9.0, 0.6 + 2.2 * len(groups), table) as (figure, page):
+        axes = page.subplots(len(groups), 1, sharex=True, squeeze=False)[:, 0]
+        for ax, side in zip(axes, sorted(groups), strict=True):
+            for color, joint in zip(_CYCLE * 9, groups[side], strict=False):
+                actual, desired = curves[joint]
+                ax.plot(t, actual, color=color, label=joint)
+                if desired is not None:
+                    ax.plot(t, desired, color=_INK, lw=0.9, ls=_DASHED)
+            ax.set_title(side)
+            ax.set_ylabel("angle [rad]")
+            ax.legend(loc="center left", bbox_to_anchor=(1.0, 0.5), fontsize=9)
+        dashed = "" if embedded else "; dashed: set-points"
+        axes[-1].set_xlabel(f"t [s]{dashed}")
+        axes[-1].set_xlim(float(t[0]), float(t[-1]))
+    return write_figure(figure, path)
+
+
+_SIDES = {"l_": "left arm", "r_": "right arm"}
+_Curves = dict[str, tuple[np.ndarray, np.ndarray | None]]
+
+
+def _motion_joints(motion: EmbeddedMotion) -> tuple[np.ndarray, _Curves]:
+    """Return times and the angles of a motion's joints."""
+    end = motion.stop
+    if not np.isfinite(end):
+        end = motion.start + motion.blend + 3.0 * motion.motion.duration
+    t = np.linspace(motion.start, end, 1000)
+    angles = np.array([motion.at(s)[0] for s in t.tolist()])
+    return t, {name: (angles[:, j], None) for j, name in enumerate(motion.joints)}
+
+
+def _run_joints(run: RunData) -> tuple[np.ndarray, _Curves]:
+    """Return times and the moving joints outside the legs: actual and set-points."""
+    if run.robot is None:
+        raise RunError("the simplified model has no arms; plot a run of a robot")
+    angles, targets = run.log["joints"], run.log["joint_set_points"]
+    index = {name: j for j, name in enumerate(run.robot.joints)}
+    curves: _Curves = {
+        name: (angles[:, index[name]], targets[:, index[name]])
+        for name in run.robot.upper_body
+        if np.ptp(targets[:, index[name]]) > 0.02
+    }
+    if not curves:
+        raise RunError("no joint of the upper body moved; choose a motion by --motion")
+    return run.log["t"], curves
+
+
+def plot_dance(
+    run: RunData,
+    path: str | Path | None = None,
+    *,
+    without: RunData | None = None,
+    table: Sequence[Row] = (),
+) -> Figure:
+    """Draw how far CoM and ZMP leave their place in a dance, as in Fig. 6.
+
+    Args:
+        run: The dance.
+        path: Where to write a picture; not written if None.
+        without: The same dance with a resolution that ignores the arms, to compare.
+        table: Rows of a small table to write below.
+
+    Returns:
+        The figure.
+
+    Raises:
+        RunError: If the picture cannot be written.
+    """
+    with _page(9.0, 7.0, table) as (figure, page):
+        x, y, z = page.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.0, 0.5))
+        y.sharey(x)
+        for i, ax in enumerate((x, y, z)):
+            if without is not None:
+                _offsets(ax, without, i, (_YELLOW, _PURPLE), ", ignoring the arms")
+            _offsets(ax, run, i, (_ORANGE, _BLUE), "")
+            ax.set_ylabel(f"{'xyz'[i]} - start [mm]")
+        for ax in (x, y):
+            _paper_band(ax)
+        z.set_xlabel("t [s]")
+        z.set_xlim(0.0, float(run.log["t"][-1]))
+        low, high = z.get_ylim()
+        z.set_ylim(min(low, -1.0), max(high, 1.0))
+        page.suptitle(f"Dance: {run.outcome}", x=0.01, ha="left", fontsize=11.5)
+        page.legend(*x.get_legend_handles_labels(), loc="outside lower center", ncols=4)
+        page.align_ylabels((x, y, z))
+    return write_figure(figure, path)
+
+
+def _paper_band(ax: Axes) -> None:
+    """Shade the bounds that the paper states for the ZMP of its dance."""
+    ax.axhspan(-10.0, 10.0, color="#EEF3EE", lw=0, zorder=0)
+    place = ax.get_yaxis_transform()
+    text = "paper: ZMP within about $\\pm$10 mm"
+    ax.text(0.004, 10.2, text, va="bottom", color=_GREY, fontsize=9, transform=place)
+
+
+def _offsets(
+    ax: Axes, run: RunData, i: int, colors: tuple[str, str], label: str
+) -> None:
+    """Draw CoM and ZMP of one axis from where the CoM began [mm]."""
+    log, start = run.log, run.log["com_ref"][0, i]
+    com = "com_true" if "com_true" in log else "com"
+    if i < 2:
+        zmp = 1e3 * (log["zmp_filtered"][:, i] - start)
+        ax.plot(log["t"], zmp, color=colors[0], lw=1.2, label=f"ZMP{label}")
+    offset = 1e3 * (log[com][:, i] - start)
+    ax.plot(log["t"], offset, color=colors[1], lw=1.8, label=f"CoM{label}")

@@ -1,0 +1,425 @@
+r"""Compiled law and action: from CoM and ZMP to the set-points of all joints.
+
+`control.WalkingController.step`, `whole_body.WholeBody.act`, `footing.Footing.follow`
+and `motion.EmbeddedMotion.at` say what is computed and why; a test ties the two.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..compiled import kernel
+from ..embedding import (
+    SLIDE,
+    Flat,
+    Record,
+    site_point,
+    site_rotation,
+)
+from ..pattern import Phase, minimum_jerk
+from ..pattern import records as r
+from .foot_contact import (
+    EDGE,
+    LEAN_TIME,
+    REACH,
+    RECOVERING,
+    RETURN_TIME,
+    SETTLE_TIME,
+    TOLERANCE,
+)
+from .measurement import (
+    foothold,
+    untilt,
+)
+from .whole_body import RECKONING
+
+_DOUBLE = int(Phase.DOUBLE)
+_LEFT, _RIGHT = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
+
+
+# ---- The law ----------------------------------------------------------------------
+
+
+@kernel
+def _limited(x: float, y: float, limit: float) -> tuple[float, float, bool]:
+    """Return the vector shortened to the limit, and whether it was longer."""
+    length = math.hypot(x, y)
+    if length <= limit:
+        return x, y, False
+    return x * limit / length, y * limit / length, True
+
+
+@kernel
+def _correction(
+    rules: Record, state: Record, heading: float, walking: float
+) -> tuple[float, float]:
+    """Return the feedback part of Eq. (31); `control.heading_correction`."""
+    c, s = math.cos(heading), math.sin(heading)
+    e_px = state.zmp_reference[0] - state.zmp_filtered[0]
+    e_py = state.zmp_reference[1] - state.zmp_filtered[1]
+    e_cx, e_cy = state.e_c[0], state.e_c[1]
+    t = min(max(walking, 0.0), 1.0)
+    p, k = rules.standing, rules.walking
+    w_x = (p[1, 0] + t * (k[1, 0] - p[1, 0])) * (c * e_cx + s * e_cy)
+    w_x -= (p[0, 0] + t * (k[0, 0] - p[0, 0])) * (c * e_px + s * e_py)
+    w_y = (p[1, 1] + t * (k[1, 1] - p[1, 1])) * (c * e_cy - s * e_cx)
+    w_y -= (p[0, 1] + t * (k[0, 1] - p[0, 1])) * (c * e_py - s * e_px)
+    return c * w_x - s * w_y, s * w_x + c * w_y
+
+
+@kernel
+def control(rules: Record, state: Record, past: np.ndarray, row: np.ndarray) -> None:
+    """Find u and the CoM command; `WalkingController.step`, Eq. (31).
+
+    Args:
+        rules: Settings.
+        state: What is found goes here.
+        past: The reference CoM and ZMP of the last delay + 1 ticks, a ring of (., 4).
+        row: The reference.
+    """
+    state.past = (state.past + 1) % len(past)
+    newest, oldest = past[state.past], past[(state.past + 1) % len(past)]
+    dt, a = rules.period, rules.alpha
+    for i in range(2):
+        newest[i], newest[2 + i] = row[r.COM + i], row[r.ZMP + i]
+    for i in range(2):
+        state.zmp_reference[i] += a * (oldest[2 + i] - state.zmp_reference[i])
+        state.zmp_filtered[i] += a * (state.zmp[i] - state.zmp_filtered[i])
+        state.e_c[i] = oldest[i] - state.com[i]
+        state.com_command[i] = newest[i] + state.offset[i]
+    x, y = _correction(rules, state, row[r.HEADING], row[r.WALKING])
+    x, y, fast = _limited(state.trust * x, state.trust * y, rules.max_correction)
+    o_x, o_y = state.offset[0], state.offset[1]
+    p_x, p_y, far = _limited(o_x + x * dt, o_y + y * dt, rules.max_offset)
+    state.offset[0], state.offset[1] = p_x, p_y
+    if far:
+        x, y = (p_x - o_x) / dt, (p_y - o_y) / dt
+    state.u[0], state.u[1] = row[r.COM_VELOCITY] + x, row[r.COM_VELOCITY + 1] + y
+    state.bounded = fast or far
+
+
+# ---- Rotations --------------------------------------------------------------------
+
+
+@kernel
+def _half_turn_log(R: Record) -> tuple[float, float, float]:
+    """Return the rotation vector near 180 degrees; `spatial.rotation_log`."""
+    x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    k = 0
+    for i in range(1, 3):
+        if R[i, i] > R[k, k]:
+            k = i
+    a, b, c = R[0, k] + R[k, 0], R[1, k] + R[k, 1], R[2, k] + R[k, 2]
+    a += 2.0 if k == 0 else 0.0
+    b += 2.0 if k == 1 else 0.0
+    c += 2.0 if k == 2 else 0.0
+    scale = (math.pi - 0.5 * math.sqrt(x * x + y * y + z * z)) / math.sqrt(
+        a * a + b * b + c * c
+    )
+    if a * x + b * y + c * z < 0.0:
+        scale = -scale
+    return scale * a, scale * b, scale * c
+
+
+@kernel
+def level_error(yaw: float, R: Record, scratch: Record) -> tuple[float, float, float]:
+    """Return the rotation vector that takes a frame to level; `spatial.level_error`."""
+    C, S = math.cos(yaw), math.sin(yaw)
+    x = R[1, 2] - S * R[2, 0] - C * R[2, 1]
+    y = C * R[2, 0] - S * R[2, 1] - R[0, 2]
+    z = S * (R[0, 0] + R[1, 1]) + C * (R[0, 1] - R[1, 0])
+    trace = C * (R[0, 0] + R[1, 1]) - S * (R[0, 1] - R[1, 0]) + R[2, 2]
+    sine, cosine = math.sqrt(x * x + y * y + z * z), trace - 1.0
+    if sine > 1e-6:
+        k = math.atan2(sine, cosine) / sine
+        return k * x, k * y, k * z
+    if cosine > 0.0:
+        return 0.5 * x, 0.5 * y, 0.5 * z
+    for j in range(3):
+        scratch[0, j] = C * R[j, 0] - S * R[j, 1]
+        scratch[1, j] = S * R[j, 0] + C * R[j, 1]
+        scratch[2, j] = R[j, 2]
+    return _half_turn_log(scratch)
+
+
+# ---- The feet ---------------------------------------------------------------------
+
+
+@kernel
+def _foot_twist(
+    flat: Flat, rules: Record, state: Record, row: np.ndarray, k: int
+) -> None:
+    """Write the wanted twist of foot k; `WholeBody._foot_twist`."""
+    limb, foot, K = flat.limbs[k], r.LEFT_FOOT + 8 * k, rules.feedback
+    x_d, y_d, yaw_d = foothold(state, row, k)
+    z_d = row[foot + 2] + state.heights[k]
+    x, y, z = site_point(flat, limb.site)
+    R = state.sensor
+    site_rotation(flat, limb.site, R)
+    if rules.imu:
+        untilt(R, state.leans[k, 0], state.leans[k, 1], state.other)
+        R = state.other
+    e_x, e_y, e_z = level_error(yaw_d, R, state.level)
+    K_p = min(K, RECKONING) if k == int(row[r.SUPPORT]) else K
+    twist = limb.twist
+    twist[0] = row[foot + 4] + K_p * (x_d - x)
+    twist[1] = row[foot + 5] + K_p * (y_d - y)
+    twist[2] = row[foot + 6] + K * (z_d - z)
+    twist[3], twist[4] = K * e_x, K * e_y
+    twist[5] = row[foot + 7] + K_p * e_z
+
+
+@kernel
+def planned_share(row: np.ndarray) -> float:
+    """Return the planned share of the weight on the left foot; `footing`."""
+    phase, left, right = row[r.PHASE], r.LEFT_FOOT, r.RIGHT_FOOT
+    if phase == _LEFT or phase == _RIGHT:
+        return 1.0 if phase == _LEFT else 0.0
+    x, y = row[right], row[right + 1]
+    d_x, d_y = row[left] - x, row[left + 1] - y
+    share = (row[r.ZMP] - x) * d_x + (row[r.ZMP + 1] - y) * d_y
+    return min(max(share / (d_x * d_x + d_y * d_y), 0.0), 1.0)
+
+
+@kernel
+def _land(
+    rules: Record, state: Record, row: np.ndarray, k: int, swings: bool, surplus: float
+) -> None:
+    """Let foot k yield by the weight that it bears too much; `Footing._land`."""
+    dt, h, rising = rules.period, state.heights[k], row[r.LEFT_FOOT + 8 * k + 6] > 0.0
+    if rules.landing == 0.0:
+        return
+    if swings and (surplus <= 0.0 or rising):
+        state.heights[k] = h - dt / RETURN_TIME * h
+        return
+    double = row[r.PHASE] == _DOUBLE
+    if double or swings:
+        h += (0.5 if double else 1.0) * dt * rules.landing * surplus
+    state.heights[k] = min(max(h - dt / SETTLE_TIME * h, -REACH), REACH)
+
+
+@kernel
+def _lie(rules: Record, state: Record, k: int, swings: bool) -> None:
+    """Let sole k lie as the IMU says it does; `Footing._lie`."""
+    dt = rules.period
+    if not rules.imu or (state.recovers and not swings):
+        return
+    for i in range(2):
+        lean = state.leans[k, i]
+        if swings:
+            state.leans[k, i] = lean - dt / RETURN_TIME * lean
+            continue
+        lean += dt / LEAN_TIME * (state.up[k, i] - lean)
+        edge = min(max(state.edges[k, i], -1.0), 1.0)
+        past = math.copysign(max(abs(edge) - EDGE, 0.0) / (1.0 - EDGE), edge)
+        state.leans[k, i] = lean + dt * rules.rolling * past
+
+
+@kernel
+def _follow(rules: Record, state: Record, row: np.ndarray) -> None:
+    """Move the commanded feet towards what was felt; `Footing.follow`."""
+    state.recovers = math.hypot(state.e_c[0], state.e_c[1]) > RECOVERING
+    phase, swing = row[r.PHASE], 1 - int(row[r.SUPPORT])
+    single = phase == _LEFT or phase == _RIGHT
+    surplus = state.left_share - planned_share(row)
+    surplus -= min(max(surplus, -TOLERANCE), TOLERANCE)
+    for k in range(2):
+        swings = single and k == swing
+        _land(rules, state, row, k, swings, surplus if k == 0 else -surplus)
+        _lie(rules, state, k, swings)
+    if single:
+        for i in range(3):
+            state.offsets[swing, i] *= 1.0 - rules.period / RETURN_TIME
+
+
+# ---- The dance --------------------------------------------------------------------
+
+
+@kernel
+def _spline_place(
+    dance: Record, knots: np.ndarray, t: float
+) -> tuple[int, float, float]:
+    """Return a segment, the time since its start [s], and 0 where the motion rests."""
+    n = len(knots)
+    if dance.loops:
+        t = t % knots[n - 1]
+    elif t <= 0.0:
+        return 0, 0.0, 0.0
+    elif t >= knots[n - 1]:
+        return n - 2, knots[n - 1] - knots[n - 2], 0.0
+    low, high = 1, n - 1
+    while low < high:
+        middle = (low + high) // 2
+        if t < knots[middle]:
+            high = middle
+        else:
+            low = middle + 1
+    return low - 1, t - knots[low - 1], 1.0
+
+
+@kernel
+def dance_at(
+    dance: Record,
+    moved: np.ndarray,
+    knots: np.ndarray,
+    cubics: np.ndarray,
+    joints: np.ndarray,
+    t: float,
+) -> None:
+    """Write angles and rates of the embedded motion at a time; `EmbeddedMotion.at`."""
+    t_in, t_out, m = t - dance.start, dance.stop - t, len(moved)
+    tau = min(t_in, t_out)
+    w, dw = minimum_jerk(tau / dance.blend) if m else (0.0, 0.0)
+    dw = dw / dance.blend if t_in < t_out else -dw / dance.blend
+    k, s, moves = _spline_place(dance, knots, t_in)
+    for i in range(m):
+        joint = joints[moved[i]]
+        if tau <= 0.0:
+            joint.dance, joint.dance_rate = joint.home, 0.0
+            continue
+        c = cubics[4 * m * k + i : 4 * m * (k + 1) : m]
+        q = ((c[0] * s + c[1]) * s + c[2]) * s + c[3]
+        dq = moves * ((3.0 * c[0] * s + 2.0 * c[1]) * s + c[2])
+        away = q - joint.home
+        joint.dance = joint.home + w * away
+        joint.dance_rate = w * dq + dw * away
+
+
+# ---- What is wanted ---------------------------------------------------------------
+
+
+@kernel
+def want(
+    flat: Flat,
+    rules: Record,
+    state: Record,
+    wanted: Record,
+    joints: np.ndarray,
+    moved: np.ndarray,
+    q: np.ndarray,
+    row: np.ndarray,
+) -> None:
+    """Write the task of a tick; `WholeBody._resolve`.
+
+    Args:
+        flat: The robot at the commanded configuration, with its levers.
+        rules: Settings.
+        state: What was measured and what the law says; the feet then follow it.
+        wanted: CoM velocity and trunk rate go here, twists and rates to the robot.
+        joints: Servos and limits, with the angles of the embedded motion.
+        moved: The joints that it moves.
+        q: The commanded configuration.
+        row: The reference.
+    """
+    K, com = rules.feedback, flat.links[0].moment
+    for i in range(2):
+        wanted.com[i] = K * (state.com_command[i] - com[i]) + state.u[i]
+    wanted.com[2] = K * (row[r.COM + 2] - com[2])
+    x, y, z = level_error(row[r.HEADING], flat.links[0].R, state.level)
+    wanted.trunk[0], wanted.trunk[1] = K * x, K * y
+    wanted.trunk[2] = K * z + row[r.HEADING_RATE]
+    for k in range(2):
+        _foot_twist(flat, rules, state, row, k)
+    _follow(rules, state, row)
+    for j in range(len(joints)):
+        flat.links[1 + j].wish = K * (joints[j].home - q[7 + j])
+    if rules.embed:
+        for i in range(len(moved)):
+            j = moved[i]
+            joint = joints[j]
+            flat.links[1 + j].wish = K * (joint.dance - q[7 + j]) + joint.dance_rate
+    for k in range(2):
+        for n in range(flat.limbs[k].own):
+            flat.links[flat.limbs[k].chain[n]].wish = 0.0
+
+
+@kernel
+def keeps_limits(
+    rules: Record, joints: np.ndarray, q: np.ndarray, v: np.ndarray
+) -> bool:
+    """Return whether all rates are within limits; `WholeBody._rate_limits`."""
+    K = 0.2 / rules.period
+    for j in range(len(joints)):
+        joint, rate = joints[j], v[6 + j]
+        low = max(K * (joint.lower - q[7 + j]), -joint.speed)
+        if rate < low or rate > min(K * (joint.upper - q[7 + j]), joint.speed):
+            return False
+    return True
+
+
+# ---- The set-points ---------------------------------------------------------------
+
+
+@kernel
+def _push(flat: Flat, k: int, wrench: tuple, share: float, joints: np.ndarray) -> None:
+    """Take away the torques of a share of the ground's wrench at the end of limb k."""
+    f_x, f_y, f_z, m_x, m_y, m_z = wrench
+    limb = flat.limbs[k]
+    x, y, z = site_point(flat, limb.site)
+    for n in range(limb.all):
+        link = flat.links[limb.chain[n]]
+        a, p = link.a, link.p
+        if link.kind == SLIDE:
+            torque = a[0] * f_x + a[1] * f_y + a[2] * f_z
+        else:
+            u, v, w = x - p[0], y - p[1], z - p[2]
+            torque = (
+                a[0] * (m_x + v * f_z - w * f_y)
+                + a[1] * (m_y + w * f_x - u * f_z)
+                + a[2] * (m_z + u * f_y - v * f_x)
+            )
+        joints[limb.chain[n] - 1].torque -= share * torque
+
+
+@kernel
+def plan_torques(
+    flat: Flat, rules: Record, row: np.ndarray, joints: np.ndarray
+) -> None:
+    """Write the planned torque of each joint; `WholeBody._planned_torques`.
+
+    As the whole body is taken to accelerate like its CoM, what carries it is the lever
+    of each joint times the force on the CoM.
+    """
+    links, m = flat.links, rules.mass
+    f_x, f_y = m * row[r.COM_ACCELERATION], m * row[r.COM_ACCELERATION + 1]
+    f_z = m * (row[r.COM_ACCELERATION + 2] + rules.gravity)
+    for j in range(len(joints)):
+        lever = links[1 + j].lever
+        joints[j].torque = lever[0] * f_x + lever[1] * f_y + lever[2] * f_z
+    load = planned_share(row)
+    x_l, y_l, _ = site_point(flat, flat.limbs[0].site)
+    x_r, y_r, _ = site_point(flat, flat.limbs[1].site)
+    x = row[r.ZMP] - load * x_l - (1.0 - load) * x_r
+    y = row[r.ZMP + 1] - load * y_l - (1.0 - load) * y_r
+    wrench = (f_x, f_y, f_z, y * f_z, -x * f_z, x * f_y - y * f_x)
+    _push(flat, 0, wrench, load, joints)
+    _push(flat, 1, wrench, 1.0 - load, joints)
+    for j in range(len(joints) - 1, -1, -1):
+        leader = links[1 + j].leader
+        if leader:
+            joints[leader - 1].torque += links[1 + j].ratio * joints[j].torque
+            joints[j].torque = 0.0
+
+
+@kernel
+def set_points(
+    rules: Record,
+    state: Record,
+    joints: np.ndarray,
+    moved: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    out: np.ndarray,
+) -> None:
+    """Write the set-points of all joints [rad]; `WholeBody._set_points`."""
+    for j in range(len(joints)):
+        out[j] = q[7 + j]
+        if rules.compensate:
+            joint = joints[j]
+            load = joint.torque * state.heaviness + joint.damping * v[6 + j]
+            out[j] += load / joint.stiffness
+    if not rules.embed:
+        for i in range(len(moved)):
+            out[moved[i]] = joints[moved[i]].dance

@@ -1,0 +1,248 @@
+"""Compiled exchange with MuJoCo: sensors out of its memory, set-points and rows in.
+
+`simulator.SimulatedRobot` and `log.Log` say what is read and kept and why; a test ties
+the two.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from ..compiled import kernel
+from ..embedding import (
+    LINK,
+    Record,
+    place_links,
+)
+from ..handles import (
+    floats_at,
+    record_at,
+    records_at,
+)
+from ..pattern import records as r
+from .records import (
+    ROW,
+    STATE,
+)
+from .tick import (
+    AT_FELT,
+    AT_OUT,
+    AT_ROW,
+    AT_SENSED,
+    AT_STATE,
+)
+
+_I8, _F8 = np.dtype(np.int64), np.dtype(np.float64)
+
+
+class SceneArrays(NamedTuple):
+    """All that is exchanged with MuJoCo in a run; views of its memory, by its names."""
+
+    qpos: np.ndarray
+    """Configuration."""
+    qvel: np.ndarray
+    """Velocity."""
+    ctrl: np.ndarray
+    """Set-points of the actuators."""
+    act: np.ndarray
+    """Activations, if there are any."""
+    sensordata: np.ndarray
+    """Readings of all sensors."""
+    cfrc_ext: np.ndarray
+    """Torque and force on each body about the robot's CoM, six numbers each."""
+    actuator_force: np.ndarray
+    """Forces of the actuators."""
+    xfrc_applied: np.ndarray
+    """Pushes on each body, six numbers each, if there are any."""
+    com: np.ndarray
+    """CoM as MuJoCo's last forward pass left it, which `cfrc_ext` is about."""
+    links: np.ndarray
+    """Records of `LINK`: the robot as it is in the scene, with its payload."""
+    actuators: np.ndarray
+    """Actuator of each joint."""
+    ankles: np.ndarray
+    """Where force and torque of both ankles stand in `sensordata`, (12,)."""
+    imu: np.ndarray
+    """Where the IMU's quaternion, gyro and accelerometer stand, (10,)."""
+    feet: np.ndarray
+    """Bodies of both feet."""
+    felt: np.ndarray
+    """Sums over a period of what the ankles read, (12,)."""
+    ground: np.ndarray
+    """The same of torque about the world's origin and force on both feet, (12,)."""
+    table: np.ndarray
+    """Rows of the log, as bytes."""
+    places: np.ndarray
+    """Length of a row, then where its arrays begin in it, in the order of `PLACES`."""
+
+
+# Places of `SceneArrays` in their handle.
+IN_QPOS, IN_QVEL, IN_CTRL = range(3)
+IN_ACT, IN_SENSORDATA, IN_CFRC_EXT = range(3, 6)
+IN_ACTUATOR_FORCE, IN_XFRC_APPLIED, IN_COM = range(6, 9)
+IN_LINKS, IN_ACTUATORS, IN_ANKLES = range(9, 12)
+IN_IMU, IN_FEET, IN_FELT = range(12, 15)
+IN_GROUND, IN_TABLE, IN_PLACES = range(15, 18)
+
+PLACES = (
+    *("joints", "joint_rates", "joint_set_points", "qpos", "qvel", "ctrl"),
+    *("torques_true", "act", "xfrc_applied"),
+)
+"""Columns whose length depends on the robot."""
+
+
+@kernel
+def feel_step(scene: np.ndarray, step: int) -> None:
+    """Add up what ankles and ground feel after each physics step of a period.
+
+    Args:
+        scene: Handle of `SceneArrays`.
+        step: Number of the step, from 0.
+    """
+    felt, ground, force = (
+        floats_at(scene, IN_FELT),
+        floats_at(scene, IN_GROUND),
+        floats_at(scene, IN_CFRC_EXT),
+    )
+    readings, ankles, feet = (
+        floats_at(scene, IN_SENSORDATA),
+        records_at(scene, IN_ANKLES, _I8),
+        records_at(scene, IN_FEET, _I8),
+    )
+    for k in range(12):
+        if step == 0:
+            felt[k] = ground[k] = 0.0
+        felt[k] += readings[ankles[k]]
+    com = floats_at(scene, IN_COM)
+    x, y, z = com[0], com[1], com[2]
+    for k in range(2):
+        own, total = force[6 * feet[k] : 6 * feet[k] + 6], ground[6 * k : 6 * k + 6]
+        total[0] += own[0] + y * own[5] - z * own[4]
+        total[1] += own[1] + z * own[3] - x * own[5]
+        total[2] += own[2] + x * own[4] - y * own[3]
+        for i in range(3, 6):
+            total[i] += own[i]
+
+
+@kernel
+def sense(scene: np.ndarray, tick: np.ndarray, steps: int) -> None:
+    """Average over the period, and give the sensors' readings to the tick."""
+    felt, ground = floats_at(scene, IN_FELT), floats_at(scene, IN_GROUND)
+    qpos, readings, imu = (
+        floats_at(scene, IN_QPOS),
+        floats_at(scene, IN_SENSORDATA),
+        records_at(scene, IN_IMU, _I8),
+    )
+    sensed, taken = floats_at(tick, AT_SENSED), floats_at(tick, AT_FELT)
+    for k in range(12):
+        felt[k], ground[k] = felt[k] / steps, ground[k] / steps
+        taken[k] = -felt[k]  # MuJoCo gives what the shank exerts on the foot
+    for k in range(4):
+        taken[12 + k] = readings[imu[k]]
+    for k in range(7, len(sensed)):
+        sensed[k] = qpos[k]
+
+
+@kernel
+def _keep_state(kept: Record, state: Record, row: np.ndarray) -> None:
+    """Write what the plan, the sensors and the law say into a row of the log."""
+    kept.t, kept.phase, kept.step = row[r.TIME], int(row[r.PHASE]), int(row[r.STEP])
+    for i in range(3):
+        kept.com[i], kept.com_ref[i] = state.com[i], row[r.COM + i]
+        kept.feet_ref[0, i] = row[r.LEFT_FOOT + i]
+        kept.feet_ref[1, i] = row[r.RIGHT_FOOT + i]
+    for i in range(2):
+        kept.zmp[i], kept.zmp_ref[i] = state.zmp[i], row[r.ZMP + i]
+        kept.zmp_filtered[i] = state.zmp_filtered[i]
+        kept.zmp_ref_filtered[i] = state.zmp_reference[i]
+        kept.com_command[i], kept.u[i] = state.com_command[i], state.u[i]
+    kept.bounded = state.bounded != 0
+    kept.left_load, kept.heading_ref = row[r.LEFT_LOAD], row[r.HEADING]
+    kept.load, kept.tilt = state.load, state.trunk_tilt
+
+
+@kernel
+def _keep_truth(scene: np.ndarray, kept: Record) -> None:
+    """Write what only the simulator knows into a row; `SimulatedRobot.truth`."""
+    felt, ground, links = (
+        floats_at(scene, IN_FELT),
+        floats_at(scene, IN_GROUND),
+        records_at(scene, IN_LINKS, LINK),
+    )
+    place_links(links, floats_at(scene, IN_QPOS))
+    for i in range(3):
+        kept.com_true[i] = 0.0
+    for k in range(len(links)):
+        for i in range(3):
+            kept.com_true[i] += links[k].moment[i]
+    load = ground[5] + ground[11]
+    kept.loads_true[0], kept.loads_true[1] = ground[5], ground[11]
+    kept.zmp_true[0] = kept.zmp_true[1] = math.nan
+    if load > 1.0:
+        kept.zmp_true[0] = -(ground[1] + ground[7]) / load
+        kept.zmp_true[1] = (ground[0] + ground[6]) / load
+    for k in range(12):
+        kept.wrenches_true[k // 6, k % 6] = -felt[k]
+
+
+@kernel
+def _keep_sensors(scene: np.ndarray, taken: np.ndarray, kept: Record) -> None:
+    """Write what the sensors read into a row."""
+    readings, imu = floats_at(scene, IN_SENSORDATA), records_at(scene, IN_IMU, _I8)
+    for k in range(12):
+        kept.wrenches[k // 6, k % 6] = taken[k]
+    for k in range(4):
+        kept.imu_quat[k] = taken[12 + k]
+    for k in range(3):
+        kept.imu_gyro[k], kept.imu_acc[k] = readings[imu[4 + k]], readings[imu[7 + k]]
+
+
+@kernel
+def _copy(source: np.ndarray, address: int) -> None:
+    """Copy numbers into the column at an address."""
+    for k in range(len(source)):
+        record_at(address + 8 * k, _F8)[0] = source[k]
+
+
+@kernel
+def _keep(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None:
+    """Write the k-th row of the log, before the physics of its period."""
+    places = records_at(scene, IN_PLACES, _I8)
+    start = scene[2 * IN_TABLE] + k * places[0]
+    kept, state = record_at(start, ROW)[0], records_at(tick, AT_STATE, STATE)[0]
+    _keep_state(kept, state, floats_at(tick, AT_ROW))
+    _keep_truth(scene, kept)
+    _keep_sensors(scene, floats_at(tick, AT_FELT), kept)
+    kept.compute_s = seconds
+    qvel, force = floats_at(scene, IN_QVEL), floats_at(scene, IN_ACTUATOR_FORCE)
+    _copy(floats_at(tick, AT_SENSED)[7:], start + places[1])
+    _copy(qvel[6:], start + places[2])
+    _copy(floats_at(tick, AT_OUT), start + places[3])
+    _copy(floats_at(scene, IN_QPOS), start + places[4])
+    _copy(qvel, start + places[5])
+    _copy(floats_at(scene, IN_CTRL), start + places[6])
+    actuators = records_at(scene, IN_ACTUATORS, _I8)
+    for j in range(len(actuators)):
+        record_at(start + places[7] + 8 * j, _F8)[0] = force[actuators[j]]
+    _copy(floats_at(scene, IN_ACT), start + places[8])
+    _copy(floats_at(scene, IN_XFRC_APPLIED), start + places[9])
+
+
+@kernel
+def command(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None:
+    """Set the set-points of the next period, and write the k-th row of the log.
+
+    Args:
+        scene: Handle of `SceneArrays`.
+        tick: Handle of `tick_kernels.Arrays`.
+        k: Which row.
+        seconds: How long the tick took [s].
+    """
+    ctrl, actuators = floats_at(scene, IN_CTRL), records_at(scene, IN_ACTUATORS, _I8)
+    out = floats_at(tick, AT_OUT)
+    for j in range(len(out)):
+        ctrl[actuators[j]] = out[j]
+    _keep(scene, tick, k, seconds)

@@ -1,0 +1,478 @@
+"""The robot in MuJoCo, as a plant: sensors out, joint set-points in.
+
+The controller gets what a robot has: encoders, ankle wrenches, an IMU. What only a
+simulator knows (`truth`) goes to the log alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+
+import mujoco
+import numpy as np
+
+from ..control import (
+    Command,
+    Push,
+    Sensors,
+    SimulatorSettings,
+)
+from ..errors import (
+    ModelError,
+    ParameterError,
+)
+from ..pattern import FootstepPlan
+from ..robot import Robot
+from ..sides import Side
+from .terrain import (
+    CELL,
+    Terrain,
+    random_terrain,
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Truth:
+    """What only the simulator knows; for the log, never for the controller."""
+
+    com: np.ndarray
+    """CoM [m], world, of shape (3,)."""
+    zmp: np.ndarray
+    """Centre of pressure of the ground contacts [m], nan in the air, of shape (2,)."""
+    loads: np.ndarray
+    """Vertical ground force on the left and the right foot [N], of shape (2,)."""
+    torques: np.ndarray
+    """Torques of the servos [N m], of shape (joints,)."""
+    wrenches: np.ndarray
+    """What the ankle sensors feel, without noise and delay [N, N m], (2, 6)."""
+
+
+class SimulatedRobot:
+    """A robot in MuJoCo, implementing `Plant`. Final."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        period: float,
+        settings: SimulatorSettings | None = None,
+        seed: int = 0,
+        plan: FootstepPlan | None = None,
+        *,
+        pushable: bool = False,
+    ) -> None:
+        """Build the scene.
+
+        Args:
+            robot: The robot.
+            period: Control period [s], a multiple of the physics step.
+            settings: Physics.
+            seed: Seed of the sensor noise.
+            plan: Where a rough floor is needed.
+            pushable: Whether pushes come while it runs, by `push`.
+
+        Raises:
+            ParameterError: If the period is no multiple of the physics step, or a
+                rough floor is wanted without a plan.
+            ModelError: If the model lacks a sensor.
+        """
+        self.settings = settings or SimulatorSettings()
+        self.robot = robot
+        self.joint_names = robot.joints
+        self.period = period
+        self.substeps = round(period / self.settings.timestep)
+        if not math.isclose(self.substeps * self.settings.timestep, period):
+            raise ParameterError(
+                f"the control period {period} s must be a multiple of the physics "
+                f"step {self.settings.timestep} s"
+            )
+        self.model = build_scene(robot, self.settings, plan)
+        self.data = mujoco.MjData(self.model)
+        self.probe = mujoco.MjData(self.model)
+        """Workspace for what must leave no trace in the run."""
+        self._rng = np.random.default_rng(seed)
+        self._actuators = robot.servo.actuators
+        self.imu = [_sensor(self.model, n) for n in ("imu_quat", "imu_gyro", "imu_acc")]
+        """Where the IMU's readings stand in sensordata."""
+        self.ankles = np.array([_ankle_readings(self.model, side) for side in Side])
+        """Where the ankles' forces and torques do, (2, 6)."""
+        self.feet = self.model.site_bodyid[[robot.feet[side].site for side in Side]]
+        """Bodies of the feet."""
+        self._trunk = trunk_body(self.model)
+        late = round(self.settings.latency / period)
+        self._readings: deque[Sensors] = deque(maxlen=late + 1)
+        self.felt, self.ground = np.zeros((2, 6)), np.zeros((2, 6))
+        """Averages over the last period: what the ankle sensors read; torque about the
+        world's origin and force on each foot."""
+        self._tick = 0
+        self._pushes = list(self.settings.pushes)
+        self.pushable = pushable or bool(self._pushes)
+        """Whether it may be pushed."""
+
+    def place(self, configuration: np.ndarray) -> None:
+        """Put the robot where the simulation starts.
+
+        Args:
+            configuration: MuJoCo's qpos: base pose, then joint angles.
+        """
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[: len(configuration)] = configuration
+        self._tick = 0
+
+    def start(self, command: Command) -> Sensors:
+        """Let the robot come to rest under a first command; return the first reading.
+
+        What the settling leaves is the configuration alone, so that a replay from the
+        first recorded state has nothing to guess.
+        """
+        self.data.ctrl[self._actuators] = command.positions
+        mujoco.mj_step(self.model, self.data, round(_SETTLING / self.settings.timestep))
+        settled = self.data.qpos.copy()
+        mujoco.mj_resetData(self.model, self.data)
+        self.data.qpos[:] = settled
+        self.write(command)
+        # Sensors need a forward pass; on a copy, it leaves no trace in the run.
+        mujoco.mj_copyData(self.probe, self.model, self.data)
+        mujoco.mj_forward(self.model, self.probe)
+        self._average([self.probe])
+        self._readings.clear()
+        return self._delayed(self._sense(self.probe))
+
+    def write(self, command: Command) -> None:
+        """Set the set-points of the next period, and the pushes that act in it."""
+        self.data.ctrl[self._actuators] = command.positions
+        self.begin(self._tick)
+
+    def begin(self, tick: int) -> None:
+        """Set the pushes that act in a period.
+
+        Args:
+            tick: Number of the period, from 0.
+        """
+        self._tick, now = tick, tick * self.period
+        self.data.xfrc_applied[self._trunk] = 0.0
+        for push in self._pushes:
+            if push.start - 1e-9 <= now < push.start + push.duration - 1e-9:
+                self.data.xfrc_applied[self._trunk, :3] += push.force
+
+    def push(self, force: tuple[float, float, float], duration: float = 0.1) -> None:
+        """Push the trunk from the next control period on.
+
+        Args:
+            force: Force [N], world.
+            duration: How long it lasts [s].
+
+        Raises:
+            ParameterError: If the robot was not made pushable, or a number is out of
+                range.
+        """
+        if not self.pushable:
+            raise ParameterError("to be pushed while it runs, it needs pushable=True")
+        start = (self._tick + 1) * self.period
+        self._pushes.append(Push(start=start, force=force, duration=duration))
+
+    def read(self) -> Sensors:
+        """Simulate one period and return what the robot senses.
+
+        Forces are averages over the period, as an ankle sensor with an anti-aliasing
+        filter gives: each new set-point makes them ring within it.
+        """
+        self._average(self._substeps())
+        self._tick += 1
+        return self._delayed(self._sense(self.data))
+
+    def _delayed(self, sensors: Sensors) -> Sensors:
+        """Keep a reading, and return the one that arrives now: at first, the first."""
+        self._readings.append(sensors)
+        return self._readings[0]
+
+    def _substeps(self) -> Iterator[mujoco.MjData]:
+        """Simulate one period, and offer the state after each physics step."""
+        for _ in range(self.substeps):
+            mujoco.mj_step(self.model, self.data)
+            yield self.data
+
+    def _average(self, states: Iterable[mujoco.MjData]) -> None:
+        """Average the ankle sensors and the ground forces over some states."""
+        self.felt[:], self.ground[:], count = 0.0, 0.0, 0
+        for data in states:
+            self.felt += data.sensordata.take(self.ankles)
+            self.ground += self._ground_forces(data)
+            count += 1
+        self.felt /= count
+        self.ground /= count
+
+    def _ground_forces(self, data: mujoco.MjData) -> np.ndarray:
+        """Return torque about the world's origin and force on each foot, (2, 6)."""
+        forces = data.cfrc_ext.take(self.feet, axis=0)
+        forces[:, :3] += _cross(data.subtree_com[self.robot.base_body], forces[:, 3:])
+        return forces
+
+    def stop(self, reason: str) -> None:
+        """Do nothing: the motors of a simulated robot need no rest."""
+
+    def _sense(self, data: mujoco.MjData) -> Sensors:
+        """Return the sensors' readings, with noise if asked."""
+        s = data.sensordata
+        # MuJoCo gives what the shank exerts on the foot; the robot feels the opposite.
+        wrenches = -self.felt
+        positions = data.qpos[7:].copy()
+        quat, gyro, acc = (s[part].copy() for part in self.imu)
+        if self.settings.noise:
+            scale, normal = self.settings.noise, self._rng.standard_normal
+            wrenches += scale * _ANKLE_NOISE * normal((2, 6))
+            positions += scale * _ENCODER_NOISE * normal(len(positions))
+            mujoco.mju_quatIntegrate(quat, scale * _TURN_NOISE * normal(3), 1.0)
+            gyro += scale * _GYRO_NOISE * normal(3)
+            acc += scale * _ACCELERATION_NOISE * normal(3)
+        return Sensors(
+            self._tick * self.period,
+            positions,
+            data.qvel[6:].copy(),
+            wrenches,
+            quat,
+            gyro,
+            acc,
+        )
+
+    def snapshot(self) -> dict[str, np.ndarray]:
+        """Return the state before the next period's physics, and the truth, to log."""
+        data, truth = self.data, self.truth()
+        row = {
+            "qpos": data.qpos.copy(),
+            "qvel": data.qvel.copy(),
+            "ctrl": data.ctrl.copy(),
+            "com_true": truth.com,
+            "zmp_true": truth.zmp,
+            "loads_true": truth.loads,
+            "torques_true": truth.torques,
+            "wrenches_true": truth.wrenches,
+        }
+        if self.model.na:
+            row["act"] = data.act.copy()
+        if self.pushable:
+            row["xfrc_applied"] = data.xfrc_applied.copy()
+        return row
+
+    def truth(self) -> Truth:
+        """Return what only the simulator knows, ground forces of the last period."""
+        data = self.data
+        # mj_step leaves positions one step behind qpos: compute the CoM anew.
+        self.probe.qpos[:] = data.qpos
+        mujoco.mj_kinematics(self.model, self.probe)
+        mujoco.mj_comPos(self.model, self.probe)
+        left, right = self.ground
+        m_x, m_y, _, _, _, f_z = (left + right).tolist()
+        zmp = np.full(2, np.nan)
+        if f_z > 1.0:
+            zmp[:] = -m_y / f_z, m_x / f_z
+        return Truth(
+            com=self.probe.subtree_com[self.robot.base_body].copy(),
+            zmp=zmp,
+            loads=np.array([left[5], right[5]]),
+            torques=data.actuator_force[self._actuators],
+            wrenches=-self.felt,
+        )
+
+
+def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Return the cross product of a vector with each row, faster than numpy's."""
+    x, y, z = a.tolist()
+    return b @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
+
+
+# Standard deviations at noise 1, white from one reading to the next.
+_ANKLE_NOISE = np.array([5.0, 5.0, 5.0, 0.2, 0.2, 0.2])  # [N, N m]
+_ENCODER_NOISE = 1e-4  # [rad]
+_TURN_NOISE = 2e-3  # [rad]
+_GYRO_NOISE = 1e-2  # [rad/s]
+_ACCELERATION_NOISE = 5e-2  # [m/s^2]
+
+
+def _ankle_readings(model: mujoco.MjModel, side: Side) -> list[int]:
+    """Return where force and torque of an ankle stand in sensordata, six places."""
+    parts = [_sensor(model, f"{side.value[0]}_{kind}") for kind in ("force", "torque")]
+    return [i for part in parts for i in range(part.start, part.stop)]
+
+
+def _sensor(model: mujoco.MjModel, name: str) -> slice:
+    """Return where a named sensor's reading stands in sensordata."""
+    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
+    if index < 0:
+        raise ModelError(
+            f'the model has no sensor "{name}"; walking needs imu_quat, imu_gyro, '
+            "imu_acc and force and torque sensors named l_force, l_torque, r_force, "
+            "r_torque at the ankles"
+        )
+    start = int(model.sensor_adr[index])
+    return slice(start, start + int(model.sensor_dim[index]))
+
+
+def trunk_body(model: mujoco.MjModel) -> int:
+    """Return the body that pushes act on and that bears a payload.
+
+    Args:
+        model: A compiled robot.
+
+    Returns:
+        Index of the body that bears the IMU.
+
+    Raises:
+        ModelError: If there is no IMU.
+    """
+    _sensor(model, "imu_quat")
+    return int(model.site_bodyid[model.sensor("imu_quat").objid[0]])
+
+
+_FLOOR = "comwalk_floor"
+_SETTLING = 0.5  # time to come to rest before a run [s]
+
+
+def build_scene(
+    robot: Robot, settings: SimulatorSettings, plan: FootstepPlan | None = None
+) -> mujoco.MjModel:
+    """Return the robot on a floor, with light.
+
+    Args:
+        robot: The robot.
+        settings: Physics.
+        plan: Where a rough floor is needed.
+
+    Returns:
+        The compiled model. Its joints are in the order of the robot's.
+
+    Raises:
+        ParameterError: If a rough floor is wanted without a plan.
+        PlanError: If the plan is too long for a rough floor.
+    """
+    spec = robot.spec.copy()
+    for light in spec.lights:  # those of a robot's file would add to ours
+        spec.delete(light)
+    for geom in spec.geoms:  # soles may have priority over the floor: both must slip
+        geom.friction[0] = min(geom.friction[0], settings.friction)
+    spec.option.timestep = settings.timestep
+    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
+    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
+    spec.option.impratio = 10.0
+    spec.worldbody.add_geom(
+        name=_FLOOR,
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0, 0, 0.05],
+        material=_add_look(spec),
+        contype=1,
+        conaffinity=1,
+        friction=[settings.friction, 0.005, 0.0001],
+    )
+    if settings.terrain:
+        if plan is None:
+            raise ParameterError("simulator.terrain needs a plan to lie under")
+        terrain = random_terrain(plan, settings.terrain, settings.terrain_seed)
+        _add_terrain(spec, terrain, settings)
+    if settings.payload:
+        _add_payload(spec, robot, settings.payload)
+    return spec.compile()
+
+
+_BOX_BIT = 1 << 20  # of contype and conaffinity: soles against boxes
+_BOX_DEPTH = 0.05  # how far boxes go below the floor [m]
+
+
+def _add_terrain(
+    spec: mujoco.MjSpec, terrain: Terrain, settings: SimulatorSettings
+) -> None:
+    """Add the boxes of a rough floor, which only the soles can touch."""
+    for site in ("l_sole", "r_sole"):
+        for geom in spec.site(site).parent.geoms:
+            if geom.contype or geom.conaffinity:
+                geom.contype |= _BOX_BIT
+    side = CELL / 2
+    for (x, y), height in zip(
+        terrain.centers.tolist(), terrain.heights.tolist(), strict=True
+    ):
+        half = (height + _BOX_DEPTH) / 2
+        light = 0.72 + 0.2 * height / settings.terrain
+        spec.worldbody.add_geom(
+            type=mujoco.mjtGeom.mjGEOM_BOX,
+            pos=[x, y, height - half],
+            size=[side, side, half],
+            rgba=[light, light, light + 0.02, 1.0],
+            contype=0,
+            conaffinity=_BOX_BIT,
+            friction=[settings.friction, 0.005, 0.0001],
+        )
+
+
+_BEHIND = 0.12  # how far behind the trunk's CoM a payload is [m]
+_PAYLOAD_SIZE = np.array([0.06, 0.12, 0.15])  # half lengths of its box [m]
+
+
+def _add_payload(spec: mujoco.MjSpec, robot: Robot, share: float) -> None:
+    """Add a box on the back: a body of its own, since a geom's mass may not count."""
+    model, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[:] = robot.home
+    mujoco.mj_kinematics(model, data)
+    trunk = trunk_body(model)
+    # Behind is against the way the soles point, whatever the axes of the trunk.
+    x, y = data.site_xmat[robot.feet[Side.LEFT].site][[0, 3]]
+    c, s = np.array([x, y]) / np.hypot(x, y)
+    upright = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    axes = data.xmat[trunk].reshape(3, 3).T @ upright
+    quat, mass = np.empty(4), share * robot.mass
+    mujoco.mju_mat2Quat(quat, axes.ravel())
+    squares = _PAYLOAD_SIZE**2
+    body = spec.body(model.body(trunk).name).add_body(
+        name="comwalk_payload",
+        pos=model.body_ipos[trunk] - _BEHIND * axes[:, 0],
+        quat=quat.tolist(),
+        mass=mass,
+        ipos=[0.0, 0.0, 0.0],  # MuJoCo would take the body's own place
+        iquat=[1.0, 0.0, 0.0, 0.0],
+        inertia=mass / 3.0 * (squares.sum() - squares),
+        explicitinertial=True,
+    )
+    body.add_geom(
+        type=mujoco.mjtGeom.mjGEOM_BOX,
+        size=_PAYLOAD_SIZE,
+        rgba=[0.72, 0.42, 0.22, 1.0],
+        contype=0,
+        conaffinity=0,
+        mass=0.0,
+    )
+
+
+def _add_look(spec: mujoco.MjSpec) -> str:
+    """Add sky, light and a floor material; return the material's name."""
+    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
+    spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 4, 2048
+    spec.visual.headlight.ambient = np.full(3, 0.45, np.float32)
+    spec.visual.headlight.diffuse = np.full(3, 0.35, np.float32)
+    spec.visual.map.znear = 0.02
+    spec.add_texture(
+        name="comwalk_sky",
+        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
+        rgb1=[0.86, 0.90, 0.95],
+        rgb2=[0.55, 0.64, 0.75],
+        width=256,
+        height=256,
+    )
+    spec.add_texture(
+        name="comwalk_tiles",
+        type=mujoco.mjtTexture.mjTEXTURE_2D,
+        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
+        rgb1=[0.78, 0.80, 0.82],
+        rgb2=[0.70, 0.72, 0.75],
+        width=512,
+        height=512,
+    )
+    material = spec.add_material(name=_FLOOR, texrepeat=[2.5, 2.5], texuniform=True)
+    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "comwalk_tiles"
+    spec.worldbody.add_light(
+        name="comwalk_sun",
+        pos=[0, 0, 4],
+        dir=[0.25, 0.35, -1],
+        diffuse=[0.5, 0.5, 0.5],
+    ).type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
+    return _FLOOR

@@ -1,0 +1,246 @@
+"""What the compiled control tick keeps and knows, as records of plain numbers.
+
+Each is one of the objects of the readable loop: `RULES` its settings, `STATE` what
+`WholeBody`, `Footing`, `Weighing`, `WalkingController` and the guard remember, `JOINT`
+a robot's servos and limits, `DANCE` an embedded motion, `ROW` what a log keeps.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..control import WEIGHING_TIME, WalkingController, Watch, low_pass_coefficient
+from ..embedding import EmbeddedMotion, records
+from ..sides import Side
+from .whole_body import (
+    WholeBody,
+    sole_sensor,
+)
+
+RULES = np.dtype(
+    [
+        ("period", "f8"),  # [s]
+        ("omega", "f8"),  # natural frequency of the pattern [rad/s]
+        ("height", "f8"),  # of its CoM [m]
+        # The robot.
+        ("mass", "f8"),
+        ("gravity", "f8"),
+        ("weight", "f8"),  # of the model [N]
+        ("foot_weight", "f8", 2),  # below the ankle sensors [N]
+        ("foot_com", "f8", (2, 3)),  # of that, in the sensor's frame [m]
+        ("sole_turn", "f8", (2, 3, 3)),  # sensor axes to the sole's
+        ("sole_arm", "f8", (2, 3)),  # sensor from the sole's centre [m], sole's axes
+        ("sole_half", "f8", (2, 2)),  # half length and half width [m]
+        # `BodySettings`.
+        ("feedback", "f8"),
+        ("imu", "i8"),
+        ("imu_share", "f8"),
+        ("landing", "f8"),
+        ("rolling", "f8"),
+        ("calibration", "i8"),
+        ("most", "i8"),  # readings that the standing robot is weighed by
+        ("embed", "i8"),
+        ("compensate", "i8"),
+        # `WalkingController`.
+        ("walking", "f8", (2, 2)),  # k_p and k_c, in x and y [1/s]
+        ("standing", "f8", (2, 2)),
+        ("alpha", "f8"),
+        ("max_correction", "f8"),
+        ("max_offset", "f8"),
+        # `Watch`.
+        ("tilt", "f8"),
+        ("com_error", "f8"),
+        ("least_load", "f8"),
+        ("patience", "f8"),
+    ],
+    align=True,
+)
+"""Settings, constant in a run."""
+
+STATE = np.dtype(
+    [
+        # `WholeBody`: what it measured.
+        ("com", "f8", 3),
+        ("zmp", "f8", 2),
+        ("load", "f8"),
+        ("trunk_tilt", "f8"),
+        ("trust", "f8"),
+        ("support", "i8"),
+        ("left_share", "f8"),
+        ("edges", "f8", (2, 2)),
+        ("soles", "f8", (2, 3, 3)),  # rotations seen from the body center
+        ("sensor", "f8", (3, 3)),
+        ("level", "f8", (3, 3)),
+        ("other", "f8", (3, 3)),
+        # `Footing`.
+        ("offsets", "f8", (2, 3)),
+        ("recovers", "i8"),
+        ("up", "f8", (2, 2)),
+        ("heights", "f8", 2),
+        ("leans", "f8", (2, 2)),
+        # `Weighing`.
+        ("heaviness", "f8"),
+        ("lean", "f8", 2),
+        ("seen", "i8"),
+        # `WalkingController`.
+        ("past", "i8"),  # where the newest is in the ring of references
+        ("zmp_filtered", "f8", 2),
+        ("zmp_reference", "f8", 2),
+        ("offset", "f8", 2),
+        ("u", "f8", 2),
+        ("com_command", "f8", 2),
+        ("e_c", "f8", 2),
+        ("bounded", "i8"),
+        # The guard.
+        ("heaviest", "f8"),
+        ("lightened", "f8"),  # since when the load is missing [s]; nan if it is not
+        ("missed", "f8"),  # distance of the CoM from its reference [m]
+    ],
+    align=True,
+)
+"""What a tick leaves for the next one."""
+
+JOINT = np.dtype(
+    [
+        ("lower", "f8"),
+        ("upper", "f8"),
+        ("speed", "f8"),
+        ("stiffness", "f8"),
+        ("damping", "f8"),
+        ("home", "f8"),
+        ("torque", "f8"),  # planned [N m]
+        ("dance", "f8"),  # angle of the embedded motion [rad]
+        ("dance_rate", "f8"),  # its rate [rad/s]
+    ],
+    align=True,
+)
+"""A joint's servo and limits, and what is planned for it."""
+
+DANCE = np.dtype(
+    [
+        ("start", "f8"),
+        ("stop", "f8"),
+        ("blend", "f8"),
+        ("loops", "i8"),
+    ],
+    align=True,
+)
+"""An embedded motion; without one there are no joints that it moves."""
+
+ROW = np.dtype(
+    [
+        ("t", "f8"),
+        ("phase", "i8"),
+        ("step", "i8"),
+        ("com", "f8", 3),
+        ("com_ref", "f8", 3),
+        ("zmp", "f8", 2),
+        ("zmp_ref", "f8", 2),
+        ("zmp_filtered", "f8", 2),
+        ("zmp_ref_filtered", "f8", 2),
+        ("com_command", "f8", 2),
+        ("u", "f8", 2),
+        ("bounded", "?"),
+        ("left_load", "f8"),
+        ("feet_ref", "f8", (2, 3)),
+        ("heading_ref", "f8"),
+        ("wrenches", "f8", (2, 6)),
+        ("imu_quat", "f8", 4),
+        ("imu_gyro", "f8", 3),
+        ("imu_acc", "f8", 3),
+        ("load", "f8"),
+        ("tilt", "f8"),
+        ("compute_s", "f8"),
+        ("damped", "f8"),
+        ("limited", "f8"),
+        ("loss", "f8"),
+        ("com_true", "f8", 3),
+        ("zmp_true", "f8", 2),
+        ("loads_true", "f8", 2),
+        ("wrenches_true", "f8", (2, 6)),
+    ],
+    align=True,
+)
+"""Columns of a log that every robot has."""
+
+
+def rules_of(
+    body: WholeBody, controller: WalkingController, watch: Watch
+) -> np.ndarray:
+    """Return the settings of a loop as one record of `RULES`.
+
+    Args:
+        body: Robot, period and settings of the body.
+        controller: Gains and settings of the law.
+        watch: When a walk counts as a fall.
+    """
+    rules, settings, law = records(RULES), body.settings, controller.settings
+    r = rules[0]
+    r["period"] = body.period
+    _describe(r, body)
+    for name in ("feedback", "imu", "landing", "rolling", "calibration"):
+        r[name] = getattr(settings, name)
+    r["imu_share"] = 1.0 - math.exp(-math.tau * settings.imu_cutoff * body.period)
+    r["most"] = max(round(WEIGHING_TIME / body.period), 1)
+    r["embed"] = settings.embed_motion
+    r["compensate"] = settings.deflection_compensation
+    r["walking"], r["standing"] = controller.gains.walking, controller.gains.standing
+    r["alpha"] = low_pass_coefficient(law.zmp_cutoff, controller.period)
+    r["max_correction"], r["max_offset"] = law.max_correction, law.max_offset
+    for name in ("tilt", "com_error", "least_load", "patience"):
+        r[name] = getattr(watch, name)
+    return rules
+
+
+def _describe(r: np.void, body: WholeBody) -> None:
+    """Fill in what the robot is like."""
+    robot = body.robot
+    r["mass"], r["gravity"] = robot.mass, robot.gravity
+    r["weight"] = robot.mass * robot.gravity
+    for k, side in enumerate(Side):
+        foot = robot.feet[side]
+        sensor = sole_sensor(robot, foot)
+        r["foot_weight"][k], r["foot_com"][k] = foot.mass * robot.gravity, foot.com
+        r["sole_turn"][k], r["sole_arm"][k] = sensor.turn[:3, :3], sensor.arm
+        r["sole_half"][k] = sensor.half_length, sensor.half_width
+
+
+def joints_of(body: WholeBody) -> np.ndarray:
+    """Return the servos and limits of a robot as records of `JOINT`.
+
+    Args:
+        body: Its robot is meant.
+    """
+    robot, joints = body.robot, records(JOINT, len(body.robot.joints))
+    for name in ("lower", "upper", "speed"):
+        joints[name] = getattr(robot, name)
+    joints["stiffness"], joints["damping"] = robot.servo.stiffness, robot.servo.damping
+    joints["home"] = robot.home[7:]
+    return joints
+
+
+def dance_of(
+    motion: EmbeddedMotion | None, joints: tuple[str, ...]
+) -> tuple[np.ndarray, ...]:
+    """Return an embedded motion as arrays.
+
+    Args:
+        motion: The motion, or None.
+        joints: Names of the robot's joints.
+
+    Returns:
+        A record of `DANCE`, the places of its joints, its knots [s], and its cubics
+        between them, highest power first, one after the other.
+    """
+    dance = records(DANCE)
+    if motion is None:
+        return dance, np.zeros(0, np.int64), np.zeros(2), np.zeros(0)
+    for name in ("start", "stop", "blend"):
+        dance[name] = getattr(motion, name)
+    dance["loops"] = motion.motion.loops
+    places = {name: j for j, name in enumerate(joints)}
+    moved = np.array([places[name] for name in motion.joints], dtype=np.int64)
+    knots, cubics = motion.motion.spline
+    return dance, moved, knots.copy(), cubics.ravel()

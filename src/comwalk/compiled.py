@@ -15,6 +15,9 @@ from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
 _Function = TypeVar("_Function", bound=Callable[..., Any])
+Record = Any
+"""One record of an array, or a field of it, as kernels see it."""
+
 _COMPILING = "comwalk: compiling for this machine, once; it takes half a minute"
 
 

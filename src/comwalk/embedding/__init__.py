@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from ..lazy import exports_of
 
 if TYPE_CHECKING:
+    from ..compiled import Record as Record
     from .dances import BUILTIN_MOTIONS as BUILTIN_MOTIONS
     from .dances import builtin_motion as builtin_motion
     from .kinematic_records import ANY_AXIS as ANY_AXIS
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from .kinematic_records import records as records
     from .kinematic_records import wanted_at as wanted_at
     from .kinematics import SOLVED as SOLVED
-    from .kinematics import Record as Record
     from .kinematics import find_levers as find_levers
     from .kinematics import integrate as integrate
     from .kinematics import place_links as place_links

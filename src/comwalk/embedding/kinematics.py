@@ -13,15 +13,11 @@ and Eq. (21) is left as three equations for v_o.
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 
-from ..compiled import kernel
+from ..compiled import Record, kernel
 from .kinematic_records import ANY_AXIS, SLIDE, Flat, flat_at, wanted_at
-
-Record = Any
-"""One record of an array, or a field of it, as kernels see it."""
 
 SOLVED, SINGULAR = 0, 1
 """What `resolve` returns: solved, or a leg is near a singular posture."""

@@ -32,9 +32,10 @@ if TYPE_CHECKING:
     from .polygon import share_between as share_between
     from .records import COM as COM
     from .records import PHASE_SIZE as PHASE_SIZE
-    from .records import ROW_SIZE as ROW_SIZE
+    from .records import REFERENCE as REFERENCE
     from .reference import fill_reference as fill_reference
     from .reference import minimum_jerk as minimum_jerk
+    from .reference import record_of as record_of
     from .reference import reference_of as reference_of
     from .walk_pattern import Pattern as Pattern
     from .walk_pattern import Phase as Phase

@@ -27,7 +27,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..compiled import kernel
+from ..compiled import Record, kernel
 from ..errors import (
     ParameterError,
     PlanError,
@@ -150,7 +150,7 @@ class OnlinePattern:
             sole_size=sole_size,
         )
         self._feet = (plan.left, plan.right)
-        self._row = np.zeros(r.ROW_SIZE)
+        self._row = np.zeros(1, r.REFERENCE)[0]
         self._table = np.zeros((2 * ahead + 8, r.PHASE_SIZE))
         self._work = np.zeros((len(self._table) + 2, p.WORK_COLUMNS))
         self._state = np.zeros(_STATE_SIZE)
@@ -207,14 +207,14 @@ class OnlinePattern:
         """
         return reference_of(self.fill(time))
 
-    def fill(self, time: float) -> np.ndarray:
-        """Return the reference at a time as a row of numbers, without allocation.
+    def fill(self, time: float) -> np.void:
+        """Return the reference at a time as a record, without allocation.
 
         Args:
             time: Time [s], as for `at`.
 
         Returns:
-            `rows.ROW_SIZE` numbers; the same array each time.
+            A record of `REFERENCE`; the same one each time.
 
         Raises:
             ParameterError: If the time is not finite, or goes back.
@@ -378,9 +378,9 @@ def advance(
     work: np.ndarray,
     time: float,
     height: float,
-    row: np.ndarray,
+    reference: Record,
 ) -> bool:
-    """Go on to a time and write its reference into a row, or to a landing before it.
+    """Go on to a time and write its reference into a record, or to a landing before it.
 
     Args:
         table: The phases from now on.
@@ -389,10 +389,10 @@ def advance(
         work: Scratch, two rows more than the table.
         time: Time [s], not before the last one.
         height: Height of the CoM [m].
-        row: Where to write, (`rows.ROW_SIZE`,).
+        reference: Where to write, a record of `REFERENCE`.
 
     Returns:
-        Whether a foot has just landed: then the row is not written yet.
+        Whether a foot has just landed: then the record is not written yet.
     """
     while state[_ROWS] > 1.0 and time >= table[1, r.START]:
         landed = leave(table, state)
@@ -406,7 +406,7 @@ def advance(
             replan(table, state, command, work, begin)
         if landed:
             return True
-    fill_reference(table[:1], command[_OMEGA], height, time, row)
+    fill_reference(table[:1], command[_OMEGA], height, time, reference)
     return False
 
 

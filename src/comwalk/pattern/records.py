@@ -1,45 +1,43 @@
-"""How a reference and the phases of a pattern lie in flat arrays of numbers.
+"""References and phases of a pattern as records of plain numbers, for kernels.
 
-What is computed every tick by compiled code, or for thousands of robots at once, has no
-objects: a reference is one row of `ROW_SIZE` numbers, and a pattern is a table with one
-row of `PHASE_SIZE` numbers per phase. Here is what stands where; all in SI units,
-radians and world axes, as in `pattern.Reference`. Feet are 0 left and 1 right.
+What is computed in every tick, or for thousands of robots at once, has no objects: a
+reference is one record of `REFERENCE`, and a pattern is a table with one row of
+`PHASE_SIZE` numbers per phase. All in SI units, radians and world axes, as in
+`Reference`. Feet are 0 left and 1 right.
 """
 
 from __future__ import annotations
 
-# A reference.
+import numpy as np
 
-TIME = 0
-"""Time [s]."""
-COM = 1
-"""First of three: CoM [m]."""
-COM_VELOCITY = 4
-"""First of three: velocity of the CoM [m/s]."""
-COM_ACCELERATION = 7
-"""First of three: acceleration of the CoM [m/s^2]."""
-ZMP = 10
-"""First of two: ZMP [m]."""
-PHASE = 12
-"""`pattern.Phase` as a number."""
-SUPPORT = 13
-"""Foot of the base limb."""
-LEFT_LOAD = 14
-"""Planned share of the weight on the left foot [-]."""
-HEADING = 15
-"""Yaw of the trunk [rad]."""
-HEADING_RATE = 16
-"""Rate of the yaw of the trunk [rad/s]."""
-WALKING = 17
-"""0 standing to 1 walking [-]."""
-STEP = 18
-"""Number of footsteps that have landed."""
-LEFT_FOOT = 19
-"""First of eight: x, y, z [m] and yaw [rad] of the left sole, then their rates."""
-RIGHT_FOOT = 27
-"""First of eight: the same of the right sole."""
-ROW_SIZE = 35
-"""Numbers of a reference."""
+FOOT = np.dtype(
+    [
+        ("position", "f8", 3),  # centre of the sole [m]
+        ("yaw", "f8"),  # [rad]
+        ("velocity", "f8", 3),  # [m/s]
+        ("yaw_rate", "f8"),  # [rad/s]
+    ]
+)
+"""Where a foot is to be, and how it moves."""
+
+REFERENCE = np.dtype(
+    [
+        ("time", "f8"),  # [s]
+        ("com", "f8", 3),  # [m]
+        ("com_velocity", "f8", 3),  # [m/s]
+        ("com_acceleration", "f8", 3),  # [m/s^2]
+        ("zmp", "f8", 2),  # [m]
+        ("phase", "i8"),  # `Phase` as a number
+        ("support", "i8"),  # foot of the base limb
+        ("left_load", "f8"),  # planned share of the weight on the left foot [-]
+        ("heading", "f8"),  # yaw of the trunk [rad]
+        ("heading_rate", "f8"),  # [rad/s]
+        ("walking", "f8"),  # 0 standing to 1 walking [-]
+        ("step", "i8"),  # number of footsteps that have landed
+        ("feet", FOOT, 2),
+    ]
+)
+"""What a pattern asks for at one time."""
 
 # A phase.
 

@@ -10,7 +10,7 @@ import math
 
 import numpy as np
 
-from ..compiled import kernel
+from ..compiled import Record, kernel
 from ..sides import Side
 from . import records as r
 from .swing import (
@@ -25,47 +25,65 @@ from .walk_pattern import (
 _MIDDLE = 1.0 - 2.0 * VERTICAL_SHARE
 
 
-def reference_of(row: np.ndarray) -> Reference:
-    """Return a row as the reference that it stands for.
+def reference_of(record: np.void) -> Reference:
+    """Return a record as the reference that it stands for.
 
     Args:
-        row: `rows.ROW_SIZE` numbers, as `fill_reference` leaves them.
+        record: A record of `REFERENCE`, as `fill_reference` leaves it.
 
     Returns:
-        The reference; it shares no memory with the row.
+        The reference; it shares no memory with the record.
     """
-    n = row.tolist()
-    sides = (Side.LEFT, Side.RIGHT)
-    left, right = (_foot_of(row[k : k + 8]) for k in (r.LEFT_FOOT, r.RIGHT_FOOT))
     return Reference(
-        n[r.TIME],
-        row[r.COM : r.COM + 3].copy(),
-        row[r.COM_VELOCITY : r.COM_VELOCITY + 3].copy(),
-        row[r.COM_ACCELERATION : r.COM_ACCELERATION + 3].copy(),
-        row[r.ZMP : r.ZMP + 2].copy(),
-        Phase(int(n[r.PHASE])),
-        sides[int(n[r.SUPPORT])],
-        n[r.LEFT_LOAD],
-        n[r.HEADING],
-        n[r.HEADING_RATE],
-        left,
-        right,
-        n[r.WALKING],
-        int(n[r.STEP]),
+        float(record["time"]),
+        record["com"].copy(),
+        record["com_velocity"].copy(),
+        record["com_acceleration"].copy(),
+        record["zmp"].copy(),
+        Phase(int(record["phase"])),
+        (Side.LEFT, Side.RIGHT)[int(record["support"])],
+        float(record["left_load"]),
+        float(record["heading"]),
+        float(record["heading_rate"]),
+        *(_foot_of(foot) for foot in record["feet"]),
+        float(record["walking"]),
+        int(record["step"]),
     )
 
 
-def _foot_of(numbers: np.ndarray) -> FootMotion:
-    """Return the motion of a foot from its eight numbers."""
-    yaw, rate = float(numbers[3]), float(numbers[7])
-    return FootMotion(numbers[:3].copy(), yaw, numbers[4:7].copy(), rate)
+def _foot_of(record: np.void) -> FootMotion:
+    """Return the motion of a foot from its record."""
+    position, velocity = record["position"].copy(), record["velocity"].copy()
+    return FootMotion(
+        position, float(record["yaw"]), velocity, float(record["yaw_rate"])
+    )
+
+
+def record_of(reference: Reference, record: np.void) -> None:
+    """Write a reference into a record of `REFERENCE`, for kernels.
+
+    Args:
+        reference: The reference.
+        record: Where to write.
+    """
+    for name in ("time", "com", "com_velocity", "com_acceleration", "zmp", "left_load"):
+        record[name] = getattr(reference, name)
+    for name in ("heading", "heading_rate", "walking", "step"):
+        record[name] = getattr(reference, name)
+    record["phase"] = int(reference.phase)
+    record["support"] = 0 if reference.support is Side.LEFT else 1
+    for foot, motion in zip(
+        record["feet"], (reference.left, reference.right), strict=True
+    ):
+        for name in ("position", "yaw", "velocity", "yaw_rate"):
+            foot[name] = getattr(motion, name)
 
 
 @kernel
 def fill_reference(
-    table: np.ndarray, omega: float, height: float, time: float, row: np.ndarray
+    table: np.ndarray, omega: float, height: float, time: float, reference: Record
 ) -> None:
-    """Write the reference at one time into a row.
+    """Write the reference at one time into a record.
 
     Args:
         table: The phases in order, (k, `rows.PHASE_SIZE`), as `Pattern.table` is.
@@ -73,24 +91,24 @@ def fill_reference(
         height: Height of the CoM [m].
         time: Time [s], finite. Before the first phase and after the last one the robot
             rests; at a junction the later phase counts.
-        row: Where to write, (`rows.ROW_SIZE`,).
+        reference: Where to write, a record of `REFERENCE`.
     """
     piece = table[phase_at(table, time)]
     S = piece[r.DURATION]
     s = min(max(time - piece[r.START], 0.0), S)
     tau = s / S if S > 0.0 else 0.0
     blend = minimum_jerk(tau)[0]
-    row[r.TIME] = time
-    row[r.COM + 2] = height
-    row[r.COM_VELOCITY + 2] = row[r.COM_ACCELERATION + 2] = 0.0
-    fill_com(piece, s, omega, row)
-    row[r.PHASE], row[r.STEP] = piece[r.KIND], piece[r.LANDED]
-    row[r.SUPPORT] = piece[r.BASES + 1] if tau >= 0.5 else piece[r.BASES]
+    reference.time = time
+    reference.com[2] = height
+    reference.com_velocity[2] = reference.com_acceleration[2] = 0.0
+    fill_com(piece, s, omega, reference)
+    reference.phase, reference.step = piece[r.KIND], piece[r.LANDED]
+    reference.support = piece[r.BASES + 1] if tau >= 0.5 else piece[r.BASES]
     load, walking = piece[r.LOADS], piece[r.BLENDS]
-    row[r.LEFT_LOAD] = load + (piece[r.LOADS + 1] - load) * blend
-    row[r.WALKING] = walking + (piece[r.BLENDS + 1] - walking) * blend
-    fill_heading(piece, piece[r.START] + s, row)
-    fill_feet(piece, s, row)
+    reference.left_load = load + (piece[r.LOADS + 1] - load) * blend
+    reference.walking = walking + (piece[r.BLENDS + 1] - walking) * blend
+    fill_heading(piece, piece[r.START] + s, reference)
+    fill_feet(piece, s, reference)
 
 
 @kernel
@@ -118,8 +136,8 @@ def minimum_jerk(s: float) -> tuple[float, float]:
 
 
 @kernel
-def fill_com(piece: np.ndarray, s: float, omega: float, row: np.ndarray) -> None:
-    """Write CoM and ZMP of a phase at the time s after its start [s] into a row."""
+def fill_com(piece: np.ndarray, s: float, omega: float, reference: Record) -> None:
+    """Write CoM and ZMP of a phase at the time s after its start [s] into a record."""
     S, scale = piece[r.DURATION], piece[r.INVERSE_SINH]
     u, v = omega * (S - s), omega * s
     su = sv = cu = cv = 0.0
@@ -135,30 +153,30 @@ def fill_com(piece: np.ndarray, s: float, omega: float, row: np.ndarray) -> None
             ddq = 2 * a[2] + x * (6 * a[3] + x * (12 * a[4] + x * 20 * a[5]))
             dq, ddq = dq / S, ddq / (S * S)
         hyperbolic = (su * a[6] + sv * a[7]) * scale
-        row[r.COM + axis] = q + hyperbolic
-        row[r.COM_VELOCITY + axis] = dq + (cv * a[7] - cu * a[6]) * scale * omega
-        row[r.COM_ACCELERATION + axis] = ddq + omega * omega * hyperbolic
-        row[r.ZMP + axis] = q - ddq / (omega * omega)
+        reference.com[axis] = q + hyperbolic
+        reference.com_velocity[axis] = dq + (cv * a[7] - cu * a[6]) * scale * omega
+        reference.com_acceleration[axis] = ddq + omega * omega * hyperbolic
+        reference.zmp[axis] = q - ddq / (omega * omega)
 
 
 @kernel
-def fill_heading(piece: np.ndarray, time: float, row: np.ndarray) -> None:
-    """Write the heading of a phase at a time [s] into a row."""
+def fill_heading(piece: np.ndarray, time: float, reference: Record) -> None:
+    """Write the heading of a phase at a time [s] into a record."""
     begin, end = piece[r.TURN_START], piece[r.TURN_END]
     s = min(max(time, begin), end) - begin
     a, b, c, d = piece[r.TURN], piece[r.TURN + 1], piece[r.TURN + 2], piece[r.TURN + 3]
-    row[r.HEADING] = ((a * s + b) * s + c) * s + d
-    row[r.HEADING_RATE] = (3.0 * a * s + 2.0 * b) * s + c
+    reference.heading = ((a * s + b) * s + c) * s + d
+    reference.heading_rate = (3.0 * a * s + 2.0 * b) * s + c
 
 
 @kernel
-def fill_feet(piece: np.ndarray, s: float, row: np.ndarray) -> None:
-    """Write both feet of a phase at the time s after its start [s] into a row."""
-    for foot in range(2):
-        out, pose = r.LEFT_FOOT + 8 * foot, r.RESTING + 3 * foot
-        row[out], row[out + 1] = piece[pose], piece[pose + 1]
-        row[out + 2], row[out + 3] = 0.0, piece[pose + 2]
-        row[out + 4 : out + 8] = 0.0
+def fill_feet(piece: np.ndarray, s: float, reference: Record) -> None:
+    """Write both feet of a phase at the time s after its start [s] into a record."""
+    for k in range(2):
+        foot, pose = reference.feet[k], r.RESTING + 3 * k
+        foot.position[0], foot.position[1] = piece[pose], piece[pose + 1]
+        foot.position[2], foot.yaw = 0.0, piece[pose + 2]
+        foot.velocity[0] = foot.velocity[1] = foot.velocity[2] = foot.yaw_rate = 0.0
     swinging = int(piece[r.SWINGING])
     if swinging < 0:
         return
@@ -167,10 +185,11 @@ def fill_feet(piece: np.ndarray, s: float, row: np.ndarray) -> None:
     h, dh = minimum_jerk((x - VERTICAL_SHARE) / _MIDDLE)
     dh /= _MIDDLE * S
     bow = x * (1.0 - x)
-    out = r.LEFT_FOOT + 8 * swinging
-    for k in range(3):
-        way, at = piece[r.TRAVEL + k], out + (3 if k == 2 else k)
-        row[at] += h * way
-        row[at + 4] = dh * way
-    row[out + 2] = height * (64.0 * bow**3)
-    row[out + 6] = height * (192.0 * bow * bow * (1.0 - 2.0 * x) / S)
+    foot = reference.feet[swinging]
+    for i in range(2):
+        foot.position[i] += h * piece[r.TRAVEL + i]
+        foot.velocity[i] = dh * piece[r.TRAVEL + i]
+    foot.yaw += h * piece[r.TRAVEL + 2]
+    foot.yaw_rate = dh * piece[r.TRAVEL + 2]
+    foot.position[2] = height * (64.0 * bow**3)
+    foot.velocity[2] = height * (192.0 * bow * bow * (1.0 - 2.0 * x) / S)

@@ -10,16 +10,9 @@ import math
 
 import numpy as np
 
-from ..compiled import kernel
-from ..embedding import (
-    SLIDE,
-    Flat,
-    Record,
-    site_point,
-    site_rotation,
-)
+from ..compiled import Record, kernel
+from ..embedding import SLIDE, Flat, site_point, site_rotation
 from ..pattern import Phase, minimum_jerk
-from ..pattern import records as r
 from .foot_contact import (
     EDGE,
     LEAN_TIME,
@@ -70,33 +63,36 @@ def _correction(
 
 
 @kernel
-def control(rules: Record, state: Record, past: np.ndarray, row: np.ndarray) -> None:
+def control(rules: Record, state: Record, past: np.ndarray, reference: Record) -> None:
     """Find u and the CoM command; `WalkingController.step`, Eq. (31).
 
     Args:
         rules: Settings.
         state: What is found goes here.
         past: The reference CoM and ZMP of the last delay + 1 ticks, a ring of (., 4).
-        row: The reference.
+        reference: The reference.
     """
     state.past = (state.past + 1) % len(past)
     newest, oldest = past[state.past], past[(state.past + 1) % len(past)]
     dt, a = rules.period, rules.alpha
     for i in range(2):
-        newest[i], newest[2 + i] = row[r.COM + i], row[r.ZMP + i]
+        newest[i], newest[2 + i] = reference.com[i], reference.zmp[i]
     for i in range(2):
         state.zmp_reference[i] += a * (oldest[2 + i] - state.zmp_reference[i])
         state.zmp_filtered[i] += a * (state.zmp[i] - state.zmp_filtered[i])
         state.e_c[i] = oldest[i] - state.com[i]
         state.com_command[i] = newest[i] + state.offset[i]
-    x, y = _correction(rules, state, row[r.HEADING], row[r.WALKING])
+    x, y = _correction(rules, state, reference.heading, reference.walking)
     x, y, fast = _limited(state.trust * x, state.trust * y, rules.max_correction)
     o_x, o_y = state.offset[0], state.offset[1]
     p_x, p_y, far = _limited(o_x + x * dt, o_y + y * dt, rules.max_offset)
     state.offset[0], state.offset[1] = p_x, p_y
     if far:
         x, y = (p_x - o_x) / dt, (p_y - o_y) / dt
-    state.u[0], state.u[1] = row[r.COM_VELOCITY] + x, row[r.COM_VELOCITY + 1] + y
+    state.u[0], state.u[1] = (
+        reference.com_velocity[0] + x,
+        reference.com_velocity[1] + y,
+    )
     state.bounded = fast or far
 
 
@@ -149,12 +145,12 @@ def level_error(yaw: float, R: Record, scratch: Record) -> tuple[float, float, f
 
 @kernel
 def _foot_twist(
-    flat: Flat, rules: Record, state: Record, row: np.ndarray, k: int
+    flat: Flat, rules: Record, state: Record, reference: Record, k: int
 ) -> None:
     """Write the wanted twist of foot k; `WholeBody._foot_twist`."""
-    limb, foot, K = flat.limbs[k], r.LEFT_FOOT + 8 * k, rules.feedback
-    x_d, y_d, yaw_d = foothold(state, row, k)
-    z_d = row[foot + 2] + state.heights[k]
+    limb, foot, K = flat.limbs[k], reference.feet[k], rules.feedback
+    x_d, y_d, yaw_d = foothold(state, reference, k)
+    z_d = foot.position[2] + state.heights[k]
     x, y, z = site_point(flat, limb.site)
     R = state.sensor
     site_rotation(flat, limb.site, R)
@@ -162,39 +158,46 @@ def _foot_twist(
         untilt(R, state.leans[k, 0], state.leans[k, 1], state.other)
         R = state.other
     e_x, e_y, e_z = level_error(yaw_d, R, state.level)
-    K_p = min(K, RECKONING) if k == int(row[r.SUPPORT]) else K
+    K_p = min(K, RECKONING) if k == int(reference.support) else K
     twist = limb.twist
-    twist[0] = row[foot + 4] + K_p * (x_d - x)
-    twist[1] = row[foot + 5] + K_p * (y_d - y)
-    twist[2] = row[foot + 6] + K * (z_d - z)
+    twist[0] = foot.velocity[0] + K_p * (x_d - x)
+    twist[1] = foot.velocity[1] + K_p * (y_d - y)
+    twist[2] = foot.velocity[2] + K * (z_d - z)
     twist[3], twist[4] = K * e_x, K * e_y
-    twist[5] = row[foot + 7] + K_p * e_z
+    twist[5] = foot.yaw_rate + K_p * e_z
 
 
 @kernel
-def planned_share(row: np.ndarray) -> float:
+def planned_share(reference: Record) -> float:
     """Return the planned share of the weight on the left foot; `footing`."""
-    phase, left, right = row[r.PHASE], r.LEFT_FOOT, r.RIGHT_FOOT
+    phase = reference.phase
+    left, right = reference.feet[0].position, reference.feet[1].position
     if phase == _LEFT or phase == _RIGHT:
         return 1.0 if phase == _LEFT else 0.0
-    x, y = row[right], row[right + 1]
-    d_x, d_y = row[left] - x, row[left + 1] - y
-    share = (row[r.ZMP] - x) * d_x + (row[r.ZMP + 1] - y) * d_y
+    x, y = right[0], right[1]
+    d_x, d_y = left[0] - x, left[1] - y
+    share = (reference.zmp[0] - x) * d_x + (reference.zmp[1] - y) * d_y
     return min(max(share / (d_x * d_x + d_y * d_y), 0.0), 1.0)
 
 
 @kernel
 def _land(
-    rules: Record, state: Record, row: np.ndarray, k: int, swings: bool, surplus: float
+    rules: Record,
+    state: Record,
+    reference: Record,
+    k: int,
+    swings: bool,
+    surplus: float,
 ) -> None:
     """Let foot k yield by the weight that it bears too much; `Footing._land`."""
-    dt, h, rising = rules.period, state.heights[k], row[r.LEFT_FOOT + 8 * k + 6] > 0.0
+    dt, h = rules.period, state.heights[k]
+    rising = reference.feet[k].velocity[2] > 0.0
     if rules.landing == 0.0:
         return
     if swings and (surplus <= 0.0 or rising):
         state.heights[k] = h - dt / RETURN_TIME * h
         return
-    double = row[r.PHASE] == _DOUBLE
+    double = reference.phase == _DOUBLE
     if double or swings:
         h += (0.5 if double else 1.0) * dt * rules.landing * surplus
     state.heights[k] = min(max(h - dt / SETTLE_TIME * h, -REACH), REACH)
@@ -218,16 +221,16 @@ def _lie(rules: Record, state: Record, k: int, swings: bool) -> None:
 
 
 @kernel
-def _follow(rules: Record, state: Record, row: np.ndarray) -> None:
+def _follow(rules: Record, state: Record, reference: Record) -> None:
     """Move the commanded feet towards what was felt; `Footing.follow`."""
     state.recovers = math.hypot(state.e_c[0], state.e_c[1]) > RECOVERING
-    phase, swing = row[r.PHASE], 1 - int(row[r.SUPPORT])
+    phase, swing = reference.phase, 1 - int(reference.support)
     single = phase == _LEFT or phase == _RIGHT
-    surplus = state.left_share - planned_share(row)
+    surplus = state.left_share - planned_share(reference)
     surplus -= min(max(surplus, -TOLERANCE), TOLERANCE)
     for k in range(2):
         swings = single and k == swing
-        _land(rules, state, row, k, swings, surplus if k == 0 else -surplus)
+        _land(rules, state, reference, k, swings, surplus if k == 0 else -surplus)
         _lie(rules, state, k, swings)
     if single:
         for i in range(3):
@@ -299,7 +302,7 @@ def want(
     joints: np.ndarray,
     moved: np.ndarray,
     q: np.ndarray,
-    row: np.ndarray,
+    reference: Record,
 ) -> None:
     """Write the task of a tick; `WholeBody._resolve`.
 
@@ -311,18 +314,18 @@ def want(
         joints: Servos and limits, with the angles of the embedded motion.
         moved: The joints that it moves.
         q: The commanded configuration.
-        row: The reference.
+        reference: The reference.
     """
     K, com = rules.feedback, flat.links[0].moment
     for i in range(2):
         wanted.com[i] = K * (state.com_command[i] - com[i]) + state.u[i]
-    wanted.com[2] = K * (row[r.COM + 2] - com[2])
-    x, y, z = level_error(row[r.HEADING], flat.links[0].R, state.level)
+    wanted.com[2] = K * (reference.com[2] - com[2])
+    x, y, z = level_error(reference.heading, flat.links[0].R, state.level)
     wanted.trunk[0], wanted.trunk[1] = K * x, K * y
-    wanted.trunk[2] = K * z + row[r.HEADING_RATE]
+    wanted.trunk[2] = K * z + reference.heading_rate
     for k in range(2):
-        _foot_twist(flat, rules, state, row, k)
-    _follow(rules, state, row)
+        _foot_twist(flat, rules, state, reference, k)
+    _follow(rules, state, reference)
     for j in range(len(joints)):
         flat.links[1 + j].wish = K * (joints[j].home - q[7 + j])
     if rules.embed:
@@ -375,7 +378,7 @@ def _push(flat: Flat, k: int, wrench: tuple, share: float, joints: np.ndarray) -
 
 @kernel
 def plan_torques(
-    flat: Flat, rules: Record, row: np.ndarray, joints: np.ndarray
+    flat: Flat, rules: Record, reference: Record, joints: np.ndarray
 ) -> None:
     """Write the planned torque of each joint; `WholeBody._planned_torques`.
 
@@ -383,16 +386,16 @@ def plan_torques(
     of each joint times the force on the CoM.
     """
     links, m = flat.links, rules.mass
-    f_x, f_y = m * row[r.COM_ACCELERATION], m * row[r.COM_ACCELERATION + 1]
-    f_z = m * (row[r.COM_ACCELERATION + 2] + rules.gravity)
+    f_x, f_y = m * reference.com_acceleration[0], m * reference.com_acceleration[1]
+    f_z = m * (reference.com_acceleration[2] + rules.gravity)
     for j in range(len(joints)):
         lever = links[1 + j].lever
         joints[j].torque = lever[0] * f_x + lever[1] * f_y + lever[2] * f_z
-    load = planned_share(row)
+    load = planned_share(reference)
     x_l, y_l, _ = site_point(flat, flat.limbs[0].site)
     x_r, y_r, _ = site_point(flat, flat.limbs[1].site)
-    x = row[r.ZMP] - load * x_l - (1.0 - load) * x_r
-    y = row[r.ZMP + 1] - load * y_l - (1.0 - load) * y_r
+    x = reference.zmp[0] - load * x_l - (1.0 - load) * x_r
+    y = reference.zmp[1] - load * y_l - (1.0 - load) * y_r
     wrench = (f_x, f_y, f_z, y * f_z, -x * f_z, x * f_y - y * f_x)
     _push(flat, 0, wrench, load, joints)
     _push(flat, 1, wrench, 1.0 - load, joints)

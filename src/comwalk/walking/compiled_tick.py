@@ -35,11 +35,11 @@ from ..embedding import (
 )
 from ..handles import handle_of
 from ..pattern import (
+    REFERENCE,
     Pattern,
     Reference,
     reference_of,
 )
-from ..pattern import records as r
 from ..robot import (
     LEGS,
     Robot,
@@ -133,7 +133,7 @@ class CompiledTick:
             *dance_of(body.motion, body.robot.joints),
             past,
             pattern.table.ravel(),
-            np.zeros(r.ROW_SIZE),
+            records(REFERENCE),
             body.configuration,
             np.zeros(6 + n),
             np.zeros(n),
@@ -183,7 +183,7 @@ class CompiledTick:
     def task(self) -> Task:
         """What the last tick asked of the whole body."""
         robot, arrays = self.body.robot, self.arrays
-        support = LEGS[tuple(Side)[int(arrays.row[r.SUPPORT])]]
+        support = LEGS[tuple(Side)[int(arrays.reference[0]["support"])]]
         motions: dict[str, CartesianMotion | JointMotion] = {}
         for i, limb in enumerate(robot.limbs):
             if limb.name in LEGS.values():
@@ -213,7 +213,7 @@ class CompiledTick:
 
     def reference(self) -> Reference:
         """Return what the plan asked for at the last tick."""
-        return reference_of(self.arrays.row)
+        return reference_of(self.arrays.reference[0])
 
     def measured(self) -> Measurement:
         """Return what was measured at the last tick."""

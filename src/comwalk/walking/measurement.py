@@ -10,21 +10,13 @@ import math
 
 import numpy as np
 
-from ..compiled import kernel
+from ..compiled import Record, kernel
 from ..control import (
     RISE_TIME,
     WEIGHING_TIME,
 )
-from ..embedding import (
-    Flat,
-    Record,
-    place_links,
-    site_point,
-    site_rotation,
-    turned,
-)
+from ..embedding import Flat, place_links, site_point, site_rotation, turned
 from ..pattern import Phase, minimum_jerk
-from ..pattern import records as r
 from .foot_contact import CAUTION
 
 _STAND, _LEFT, _RIGHT = (
@@ -64,10 +56,11 @@ def untilt(R: Record, x: float, y: float, out: Record) -> None:
 
 
 @kernel
-def foothold(state: Record, row: np.ndarray, k: int) -> tuple[float, float, float]:
+def foothold(state: Record, reference: Record, k: int) -> tuple[float, float, float]:
     """Return where sole k stands: x [m], y [m], yaw [rad]; `Footing.foothold`."""
-    foot, away = r.LEFT_FOOT + 8 * k, state.offsets[k]
-    return row[foot] + away[0], row[foot + 1] + away[1], row[foot + 3] + away[2]
+    foot, away = reference.feet[k], state.offsets[k]
+    x, y = foot.position[0], foot.position[1]
+    return x + away[0], y + away[1], foot.yaw + away[2]
 
 
 @kernel
@@ -105,7 +98,7 @@ def _remainder(angle: float) -> float:
 
 @kernel
 def _change_support(
-    flat: Flat, rules: Record, state: Record, row: np.ndarray, new: int
+    flat: Flat, rules: Record, state: Record, reference: Record, new: int
 ) -> None:
     """Find where the new supporting sole stands, seen from the old one."""
     old, level = state.support, state.level
@@ -117,12 +110,12 @@ def _change_support(
     a, b, _ = turned_back(
         level, state.other[0, 0], state.other[1, 0], state.other[2, 0]
     )
-    p, q, yaw = foothold(state, row, old)
+    p, q, yaw = foothold(state, reference, old)
     c, s = math.cos(yaw), math.sin(yaw)
-    foot, away = r.LEFT_FOOT + 8 * new, state.offsets[new]
-    away[0] = p + c * x - s * y - row[foot]
-    away[1] = q + s * x + c * y - row[foot + 1]
-    away[2] = _remainder(yaw + math.atan2(b, a) - row[foot + 3])
+    foot, away = reference.feet[new], state.offsets[new]
+    away[0] = p + c * x - s * y - foot.position[0]
+    away[1] = q + s * x + c * y - foot.position[1]
+    away[2] = _remainder(yaw + math.atan2(b, a) - foot.yaw)
     state.support = new
 
 
@@ -178,12 +171,12 @@ def _feel_edges(rules: Record, state: Record, k: int, wrench: Record) -> None:
 
 
 @kernel
-def _weigh(rules: Record, state: Record, row: np.ndarray) -> None:
+def _weigh(rules: Record, state: Record, reference: Record) -> None:
     """Learn what the standing robot weighs, and correct the CoM; `Weighing`."""
-    heading = row[r.HEADING]
+    heading = reference.heading
     c, s, lean = math.cos(heading), math.sin(heading), state.lean
     state.trust = 1.0
-    if row[r.PHASE] == _STAND and row[r.STEP] == 0:
+    if reference.phase == _STAND and reference.step == 0:
         heaviness = state.load / rules.weight
         if state.seen < rules.most and 0.5 < heaviness < 2.0:
             state.seen += 1
@@ -192,7 +185,7 @@ def _weigh(rules: Record, state: Record, row: np.ndarray) -> None:
             state.heaviness += a * (heaviness - state.heaviness)
             lean[0] += a * (c * x + s * y - lean[0])
             lean[1] += a * (c * y - s * x - lean[1])
-        state.trust = minimum_jerk((row[r.TIME] - WEIGHING_TIME) / RISE_TIME)[0]
+        state.trust = minimum_jerk((reference.time - WEIGHING_TIME) / RISE_TIME)[0]
     state.com[0] += c * lean[0] - s * lean[1]
     state.com[1] += s * lean[0] + c * lean[1]
 
@@ -230,7 +223,7 @@ def measure(
     state: Record,
     q: np.ndarray,
     felt: np.ndarray,
-    row: np.ndarray,
+    reference: Record,
     b: Record,
 ) -> None:
     """Find CoM and ZMP as the robot senses them; `WholeBody.measure`.
@@ -241,19 +234,19 @@ def measure(
         state: What is found goes here.
         q: The body center at the origin, then the encoders [rad].
         felt: Both ankle wrenches (12) [N, N m], then the IMU's quaternion wxyz.
-        row: The reference.
+        reference: The reference.
         b: Scratch space, (7,).
     """
     place_links(flat.links, q)
     for k in range(2):
         site_rotation(flat, SOLE + k, state.soles[k])
     _feel(flat, rules, state, felt[12:])
-    support = int(row[r.SUPPORT])
+    support = int(reference.support)
     if support != state.support:
-        _change_support(flat, rules, state, row, support)
+        _change_support(flat, rules, state, reference, support)
     _level(rules, state, support, state.level)
     b[0], b[1], b[2] = site_point(flat, SOLE + support)
-    b[3], b[4], yaw = foothold(state, row, support)
+    b[3], b[4], yaw = foothold(state, reference, support)
     b[5], b[6] = math.cos(yaw), math.sin(yaw)
     _find_zmp(flat, rules, state, felt, b)
     for k in range(2):
@@ -261,5 +254,5 @@ def measure(
     _find_com(flat, state, b)
     state.trust = 1.0
     if rules.calibration:
-        _weigh(rules, state, row)
+        _weigh(rules, state, reference)
     state.trunk_tilt = 2.0 * math.asin(min(1.0, math.hypot(felt[13], felt[14])))

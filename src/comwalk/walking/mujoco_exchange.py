@@ -11,18 +11,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import kernel
-from ..embedding import (
-    LINK,
-    Record,
-    place_links,
-)
+from ..compiled import Record, kernel
+from ..embedding import LINK, place_links
 from ..handles import (
     floats_at,
     record_at,
     records_at,
 )
-from ..pattern import records as r
+from ..pattern import REFERENCE
 from .records import (
     ROW,
     STATE,
@@ -30,7 +26,7 @@ from .records import (
 from .tick import (
     AT_FELT,
     AT_OUT,
-    AT_ROW,
+    AT_REFERENCE,
     AT_SENSED,
     AT_STATE,
 )
@@ -76,7 +72,7 @@ class SceneArrays(NamedTuple):
     table: np.ndarray
     """Rows of the log, as bytes."""
     places: np.ndarray
-    """Length of a row, then where its arrays begin in it, in the order of `PLACES`."""
+    """Length of a reference, then where its arrays begin in it, in the order of `PLACES`."""
 
 
 # Places of `SceneArrays` in their handle.
@@ -147,20 +143,24 @@ def sense(scene: np.ndarray, tick: np.ndarray, steps: int) -> None:
 
 
 @kernel
-def _keep_state(kept: Record, state: Record, row: np.ndarray) -> None:
+def _keep_state(kept: Record, state: Record, reference: Record) -> None:
     """Write what the plan, the sensors and the law say into a row of the log."""
-    kept.t, kept.phase, kept.step = row[r.TIME], int(row[r.PHASE]), int(row[r.STEP])
+    kept.t, kept.phase, kept.step = (
+        reference.time,
+        int(reference.phase),
+        int(reference.step),
+    )
     for i in range(3):
-        kept.com[i], kept.com_ref[i] = state.com[i], row[r.COM + i]
-        kept.feet_ref[0, i] = row[r.LEFT_FOOT + i]
-        kept.feet_ref[1, i] = row[r.RIGHT_FOOT + i]
+        kept.com[i], kept.com_ref[i] = state.com[i], reference.com[i]
+        kept.feet_ref[0, i] = reference.feet[0].position[i]
+        kept.feet_ref[1, i] = reference.feet[1].position[i]
     for i in range(2):
-        kept.zmp[i], kept.zmp_ref[i] = state.zmp[i], row[r.ZMP + i]
+        kept.zmp[i], kept.zmp_ref[i] = state.zmp[i], reference.zmp[i]
         kept.zmp_filtered[i] = state.zmp_filtered[i]
         kept.zmp_ref_filtered[i] = state.zmp_reference[i]
         kept.com_command[i], kept.u[i] = state.com_command[i], state.u[i]
     kept.bounded = state.bounded != 0
-    kept.left_load, kept.heading_ref = row[r.LEFT_LOAD], row[r.HEADING]
+    kept.left_load, kept.heading_ref = reference.left_load, reference.heading
     kept.load, kept.tilt = state.load, state.trunk_tilt
 
 
@@ -213,7 +213,7 @@ def _keep(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None:
     places = records_at(scene, IN_PLACES, _I8)
     start = scene[2 * IN_TABLE] + k * places[0]
     kept, state = record_at(start, ROW)[0], records_at(tick, AT_STATE, STATE)[0]
-    _keep_state(kept, state, floats_at(tick, AT_ROW))
+    _keep_state(kept, state, records_at(tick, AT_REFERENCE, REFERENCE)[0])
     _keep_truth(scene, kept)
     _keep_sensors(scene, floats_at(tick, AT_FELT), kept)
     kept.compute_s = seconds

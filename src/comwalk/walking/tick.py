@@ -11,11 +11,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import kernel
+from ..compiled import Record, kernel
 from ..embedding import (
     SOLVED,
     Flat,
-    Record,
     find_levers,
     flat_at,
     integrate,
@@ -27,7 +26,7 @@ from ..handles import (
     floats_at,
     records_at,
 )
-from ..pattern import fill_reference
+from ..pattern import REFERENCE, fill_reference
 from ..pattern import records as r
 from .action import (
     control,
@@ -81,8 +80,8 @@ class Arrays(NamedTuple):
     """Reference CoM and ZMP of the last ticks, four numbers each."""
     table: np.ndarray
     """The pattern's phases, `rows.PHASE_SIZE` numbers each."""
-    row: np.ndarray
-    """The reference, `rows.ROW_SIZE` numbers."""
+    reference: np.ndarray
+    """One record of `REFERENCE`."""
     q: np.ndarray
     """Commanded configuration."""
     v: np.ndarray
@@ -98,7 +97,7 @@ class Arrays(NamedTuple):
 # Places of `Arrays` in their handle.
 AT_LINKS, AT_LIMBS, AT_SITES, AT_WANTED, AT_RULES = range(5)
 AT_STATE, AT_JOINTS, AT_DANCE, AT_MOVED, AT_KNOTS = range(5, 10)
-AT_CUBICS, AT_PAST, AT_TABLE, AT_ROW, AT_Q = range(10, 15)
+AT_CUBICS, AT_PAST, AT_TABLE, AT_REFERENCE, AT_Q = range(10, 15)
 AT_V, AT_OUT, AT_SENSED, AT_FELT = range(15, 19)
 
 
@@ -121,11 +120,11 @@ def _guard_sensors(sensed: np.ndarray, felt: np.ndarray) -> int:
 
 
 @kernel
-def _guard(rules: Record, state: Record, row: np.ndarray) -> int:
+def _guard(rules: Record, state: Record, reference: Record) -> int:
     """Return whether the robot falls; `walk._Guard.check`."""
     if state.trunk_tilt > rules.tilt:
         return TILTED
-    x, y = state.com[0] - row[r.COM], state.com[1] - row[r.COM + 1]
+    x, y = state.com[0] - reference.com[0], state.com[1] - reference.com[1]
     state.missed = math.hypot(x, y)
     if not state.missed < rules.com_error:
         return ASTRAY
@@ -133,8 +132,8 @@ def _guard(rules: Record, state: Record, row: np.ndarray) -> int:
     if state.load >= rules.least_load * state.heaviest:
         state.lightened = math.nan
     elif math.isnan(state.lightened):
-        state.lightened = row[r.TIME]
-    elif row[r.TIME] - state.lightened > rules.patience:
+        state.lightened = reference.time
+    elif reference.time - state.lightened > rules.patience:
         return LIFTED
     return DONE
 
@@ -142,41 +141,50 @@ def _guard(rules: Record, state: Record, row: np.ndarray) -> int:
 @kernel
 def _sense(flat: Flat, handle: np.ndarray, rules: Record, state: Record) -> int:
     """Measure, and watch over what is measured."""
-    row, sensed, felt = (
-        floats_at(handle, AT_ROW),
+    reference, sensed, felt = (
+        records_at(handle, AT_REFERENCE, REFERENCE)[0],
         floats_at(handle, AT_SENSED),
         floats_at(handle, AT_FELT),
     )
     fault = _guard_sensors(sensed, felt)
     if fault != DONE:
         return fault
-    measure(flat, rules, state, sensed, felt, row, wanted_at(handle)[0].scratch)
-    return _guard(rules, state, row)
+    measure(flat, rules, state, sensed, felt, reference, wanted_at(handle)[0].scratch)
+    return _guard(rules, state, reference)
 
 
 @kernel
 def look_up(handle: np.ndarray, time: float) -> None:
-    """Write the reference at a time into the row."""
+    """Write the reference at a time into its record."""
     rules, table = records_at(handle, AT_RULES, RULES)[0], floats_at(handle, AT_TABLE)
     phases = table.reshape((len(table) // r.PHASE_SIZE, r.PHASE_SIZE))
-    fill_reference(phases, rules.omega, rules.height, time, floats_at(handle, AT_ROW))
+    fill_reference(
+        phases,
+        rules.omega,
+        rules.height,
+        time,
+        records_at(handle, AT_REFERENCE, REFERENCE)[0],
+    )
 
 
 @kernel
 def _place_commanded(flat: Flat, handle: np.ndarray, rules: Record) -> None:
     """Place the robot as commanded, and find where its motion is."""
-    row, joints = floats_at(handle, AT_ROW), records_at(handle, AT_JOINTS, JOINT)
+    reference, joints = (
+        records_at(handle, AT_REFERENCE, REFERENCE)[0],
+        records_at(handle, AT_JOINTS, JOINT),
+    )
     place_links(flat.links, floats_at(handle, AT_Q))
     find_levers(flat)
     if rules.compensate:
-        plan_torques(flat, rules, row, joints)
+        plan_torques(flat, rules, reference, joints)
     dance, moved = (
         records_at(handle, AT_DANCE, DANCE)[0],
         records_at(handle, AT_MOVED, _I8),
     )
     if len(moved):
         knots, cubics = floats_at(handle, AT_KNOTS), floats_at(handle, AT_CUBICS)
-        dance_at(dance, moved, knots, cubics, joints, row[r.TIME])
+        dance_at(dance, moved, knots, cubics, joints, reference.time)
 
 
 @kernel
@@ -195,14 +203,14 @@ def act(handle: np.ndarray) -> int:
         records_at(handle, AT_JOINTS, JOINT),
         records_at(handle, AT_MOVED, _I8),
     )
-    past, row, q = (
+    past, reference, q = (
         floats_at(handle, AT_PAST),
-        floats_at(handle, AT_ROW),
+        records_at(handle, AT_REFERENCE, REFERENCE)[0],
         floats_at(handle, AT_Q),
     )
-    control(rules, state, past.reshape((len(past) // 4, 4)), row)
+    control(rules, state, past.reshape((len(past) // 4, 4)), reference)
     _place_commanded(flat, handle, rules)
-    want(flat, rules, state, wanted, joints, moved, q, row)
+    want(flat, rules, state, wanted, joints, moved, q, reference)
     if resolve(flat, wanted, v) != SOLVED or not keeps_limits(rules, joints, q, v):
         return HANDED_OVER
     return DONE

@@ -321,13 +321,13 @@ def follow(
         reference = pattern.at(tick * body.period)
         still = ControlOutput.still(reference)
         control = dataclasses.replace(still, u=reference.com_velocity[:2])
-        q = body.configuration
+        q = body.configuration.copy()
         body.act(control, reference)
         found = body.resolution
-        if found is None or found.damped or found.limited:
+        if found is not None and (found.damped or found.limited):
             return None
         if tick % each == 0:
-            rows.append(_row(reference, q, found.velocity))
+            rows.append(_row(reference, q, body.velocity.copy()))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}
 
 

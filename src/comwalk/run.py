@@ -6,7 +6,7 @@ import dataclasses
 import json
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,18 +16,22 @@ import numpy as np
 
 from .certificates import check_control, check_feasible, default_control
 from .control import (
+    PROGRESS_ROWS,
     Body,
     Control,
     ControlSettings,
     Disturbance,
+    Link,
     PendulumPlant,
     Plant,
     PointBody,
     Progress,
     SimulatorSettings,
+    Tick,
     WalkingController,
     Watch,
     no_disturbance,
+    walk,
 )
 from .embedding import EmbeddedMotion
 from .errors import (
@@ -46,7 +50,7 @@ from .runs import (
     save_mcap,
 )
 from .views import load_recording
-from .walking import SimulatedRobot, WholeBody, loop_of
+from .walking import MujocoLink, SimulatedRobot, WholeBody, WholeBodyTicker
 
 if TYPE_CHECKING:
     from .views import WebPage
@@ -174,7 +178,6 @@ def simulate(
     progress: Progress | None = None,
     record: str | Path | None = None,
     about: Mapping[str, Any] | None = None,
-    readable: bool = False,
 ) -> Run:
     """Walk a pattern with a robot in MuJoCo.
 
@@ -191,7 +194,6 @@ def simulate(
         record: File of ROS 2 messages to write while it walks, such as run.mcap;
             a run that is cut off leaves what it wrote until then.
         about: More to say about the run in its settings.
-        readable: Whether to walk by the readable loop where the compiled one can, too.
 
     Returns:
         The run. A fall is an outcome, not an error.
@@ -220,7 +222,6 @@ def simulate(
         recorder,
         watch,
         progress,
-        readable,
     )
     return dataclasses.replace(
         run, robot=robot, scene=parts.plant.model, substeps=parts.plant.substeps
@@ -371,32 +372,47 @@ def _walked(
     recorder: Recorder,
     watch: Watch | None,
     progress: Progress | None,
-    readable: bool = False,
 ) -> Run:
     """Walk, and return the run with what it was made with."""
     controller = WalkingController(control.gains, control.settings, control.period)
-    go = loop_of(
-        pattern,
-        controller,
-        body,
-        plant,
-        recorder.log,
-        watch=watch,
-        progress=progress,
-        readable=readable,
-    )
+    log = recorder.log
+    link: Callable[[Any], Link] | None = None
+    if isinstance(plant, SimulatedRobot):
+
+        def link(ticker: WholeBodyTicker) -> MujocoLink:
+            return MujocoLink(plant, ticker, log, pattern.duration, progress)
+
     begin = time.perf_counter()
     with recorder:
-        outcome = go()
+        outcome = walk(
+            pattern,
+            controller,
+            body,
+            plant,
+            on_tick=_recording(log, progress),
+            watch=watch,
+            link=link,
+        )
         recorder.outcome = str(outcome)
     return Run(
         outcome=outcome,
-        log=recorder.log,
+        log=log,
         pattern=pattern,
         seconds=time.perf_counter() - begin,
         settings=recorder.notes,
         recording=recorder.path,
     )
+
+
+def _recording(log: Log, progress: Progress | None) -> Callable[[Tick], None]:
+    """Return what is called each period where the plant keeps no log itself."""
+
+    def record(tick: Tick) -> None:
+        log.record(tick)
+        if progress is not None and len(log) % PROGRESS_ROWS == 0:
+            progress(tick.reference.time)
+
+    return record
 
 
 def _check_kinds(robot: object, pattern: object, motion: object) -> None:

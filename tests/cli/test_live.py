@@ -17,8 +17,8 @@ from comwalk.config import (
     Given,
     WalkConfig,
 )
+from comwalk.control.guard import End
 from comwalk.control.law import Gains
-from comwalk.control.loop import End
 from comwalk.errors import (
     ParameterError,
     PlanError,

@@ -11,10 +11,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.text import Text
 from PIL import Image
 
-from comwalk.control.loop import (
-    End,
-    Outcome,
-)
+from comwalk.control.guard import End, Outcome
 from comwalk.embedding.dances import builtin_motion
 from comwalk.embedding.motion import embed_in
 from comwalk.errors import (

@@ -6,10 +6,7 @@ import numpy as np
 import pytest
 from robots import paper
 
-from comwalk.control.loop import (
-    End,
-    Watch,
-)
+from comwalk.control.guard import End, Watch
 from comwalk.control.settings import (
     BodySettings,
     Control,
@@ -33,8 +30,8 @@ from comwalk.walking import (
 from comwalk.walking import (
     tick as tick_kernels,
 )
-from comwalk.walking.compiled_loop import row_type
 from comwalk.walking.mujoco_exchange import SceneArrays
+from comwalk.walking.mujoco_link import row_type
 from comwalk.walking.mujoco_plant import SimulatedRobot
 from comwalk.walking.tick import Arrays
 

@@ -15,12 +15,12 @@ from comwalk.certificates.defaults import (
     default_control,
     walk_pattern,
 )
+from comwalk.control.guard import Watch
 from comwalk.control.law import (
     ControlSettings,
     Gains,
     WalkingController,
 )
-from comwalk.control.loop import Watch
 from comwalk.control.plant import Sensors
 from comwalk.control.settings import (
     BodySettings,
@@ -51,7 +51,6 @@ from comwalk.robot.model import (
     load_robot,
 )
 from comwalk.walking.action import level_error
-from comwalk.walking.compiled_tick import CompiledTick
 from comwalk.walking.mujoco_plant import SimulatedRobot
 from comwalk.walking.tick import (
     DONE,
@@ -59,7 +58,7 @@ from comwalk.walking.tick import (
     ORIENTATION,
     WRENCHES,
 )
-from comwalk.walking.whole_body import WholeBody
+from comwalk.walking.whole_body import CompiledTick, WholeBody
 
 
 def both(

@@ -10,15 +10,13 @@ import numpy as np
 import pytest
 from robots import paper
 
+from comwalk.control.guard import End
 from comwalk.control.law import (
     ControlOutput,
     Gains,
     WalkingController,
 )
-from comwalk.control.loop import (
-    End,
-    walk,
-)
+from comwalk.control.loop import walk
 from comwalk.control.plant import (
     Sensors,
     random_bounded,

@@ -399,26 +399,25 @@ def _sweep(
     body = WholeBody(free, dt, motion, settings)
     body.start(pattern.at(0.0))
     legs = [limb for limb in robot.limbs if limb.name in LEGS.values()]
-    kinematics, rows = Kinematics(robot, ()), []
+    kinematics, rows = Kinematics(robot, LEGS.values()), []
     last = np.zeros(6 + len(far))
     for time, phase in _times(pattern, motion, dt):
-        reference, q = pattern.at(time), body.configuration
+        reference, q = pattern.at(time), body.configuration.copy()
         control = dataclasses.replace(
             ControlOutput.still(reference), u=reference.com_velocity[:2]
         )
         body.act(control, reference)
-        found = body.resolution
-        if found is None:
-            break
-        lead, last = 0.5 * (found.velocity - last), found.velocity
+        v = body.velocity.copy()
+        lead, last = 0.5 * (v - last), v
         body.configuration = kinematics.integrate(body.configuration, lead, dt)
-        J = found.posture.jacobian
+        J = kinematics.posture(q).jacobian
         blocks = [J[3 + 6 * i : 9 + 6 * i, x.columns] for i, x in enumerate(legs)]
-        if found.damped:  # its rates jump: no acceleration is made of them
+        damped = body.resolution is not None and body.resolution.damped
+        if damped:  # its rates jump: no acceleration is made of them
             phase = -1
         load = _ON_ONE_FOOT.get(reference.phase)
-        rows.append((time, phase, q, found.velocity, load, blocks))
-        if found.damped:
+        rows.append((time, phase, q, v, load, blocks))
+        if damped:
             break
     return _Sweep(*(np.array(column) for column in zip(*rows, strict=True)))
 

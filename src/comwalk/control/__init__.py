@@ -7,33 +7,45 @@ from ..lazy import exports_of
 if TYPE_CHECKING:
     from .filters import low_pass_coefficient as low_pass_coefficient
     from .filters import servo_response as servo_response
+    from .guard import GUARD as GUARD
+    from .guard import WALKS as WALKS
+    from .guard import WATCH as WATCH
+    from .guard import End as End
+    from .guard import Outcome as Outcome
+    from .guard import Watch as Watch
+    from .guard import astray as astray
+    from .guard import blind as blind
+    from .guard import check_fall as check_fall
+    from .guard import check_sensors as check_sensors
+    from .guard import completed as completed
+    from .guard import guard_of as guard_of
+    from .guard import interrupted as interrupted
+    from .guard import lifted as lifted
+    from .guard import outcome_of as outcome_of
+    from .guard import tilted as tilted
+    from .law import LAW as LAW
+    from .law import LAW_STATE as LAW_STATE
     from .law import PAPER_GAINS as PAPER_GAINS
+    from .law import Controller as Controller
     from .law import ControlOutput as ControlOutput
     from .law import ControlSettings as ControlSettings
     from .law import Gains as Gains
     from .law import Pair as Pair
     from .law import Value as Value
     from .law import WalkingController as WalkingController
+    from .law import apply_law as apply_law
     from .loop import PROGRESS_ROWS as PROGRESS_ROWS
     from .loop import Body as Body
-    from .loop import End as End
-    from .loop import Outcome as Outcome
+    from .loop import Link as Link
     from .loop import PointBody as PointBody
     from .loop import Progress as Progress
     from .loop import Tick as Tick
     from .loop import Walkable as Walkable
-    from .loop import Watch as Watch
-    from .loop import astray as astray
-    from .loop import blind as blind
     from .loop import check_joints as check_joints
-    from .loop import completed as completed
-    from .loop import interrupted as interrupted
-    from .loop import lifted as lifted
-    from .loop import tilted as tilted
     from .loop import walk as walk
     from .payload import RISE_TIME as RISE_TIME
     from .payload import WEIGHING_TIME as WEIGHING_TIME
-    from .payload import Weighing as Weighing
+    from .payload import weigh_standing as weigh_standing
     from .plant import Command as Command
     from .plant import Disturbance as Disturbance
     from .plant import PendulumPlant as PendulumPlant

@@ -15,18 +15,22 @@ Note:
 from __future__ import annotations
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
+from ..compiled import Record, kernel
 from ..errors import (
     ParameterError,
     checked_number,
 )
+from ..pattern import REFERENCE
 from .filters import low_pass_coefficient
+
+Value: TypeAlias = Any
+"""A float, or an array of them (np.ndarray) that the formula is applied to at once."""
 
 Pair = tuple[float, float]
 
@@ -134,6 +138,7 @@ PAPER_GAINS = Gains()
 """The gains of Section VI; the paper does not tell what it stands with."""
 
 
+@kernel
 def walking_control(
     com_velocity: Value, e_p: Value, e_c: Value, k_p: Value, k_c: Value
 ) -> Value:
@@ -163,6 +168,7 @@ def walking_control(
     return cdot_d - k_p * e_p + k_c * e_c
 
 
+@kernel
 def heading_correction(
     heading: float, e_p: Pair, e_c: Pair, k_p: Pair, k_c: Pair
 ) -> Pair:
@@ -315,12 +321,104 @@ class Controller(Protocol):
         ...
 
 
+@kernel
 def _limited(x: float, y: float, limit: float) -> tuple[float, float, bool]:
     """Return the vector shortened to the limit, and whether it was longer."""
     length = math.hypot(x, y)
     if length <= limit:
         return x, y, False
     return x * limit / length, y * limit / length, True
+
+
+LAW = np.dtype(
+    [
+        ("period", "f8"),  # [s]
+        ("walking", "f8", (2, 2)),  # k_p and k_c, forward and left [1/s]
+        ("standing", "f8", (2, 2)),
+        ("alpha", "f8"),  # coefficient of the ZMP filter [-]
+        ("max_correction", "f8"),  # [m/s]
+        ("max_offset", "f8"),  # [m]
+    ],
+    align=True,
+)
+"""Gains and settings of the law, for kernels."""
+
+LAW_STATE = np.dtype(
+    [
+        ("past", "i8"),  # place of the newest in the ring of references
+        ("zmp_filtered", "f8", 2),  # [m]
+        ("zmp_reference", "f8", 2),  # matched in delay and filter [m]
+        ("offset", "f8", 2),  # CoM command minus reference [m]
+        ("u", "f8", 2),  # [m/s]
+        ("com_command", "f8", 2),  # [m]
+        ("e_c", "f8", 2),  # [m]
+        ("bounded", "i8"),
+    ],
+    align=True,
+)
+"""What the law remembers from tick to tick, and its last output."""
+
+
+@kernel
+def _correction(
+    law: Record, state: Record, heading: float, walking: float
+) -> tuple[float, float]:
+    """Return u minus the reference CoM velocity, with gains blended for standing."""
+    e_p = (
+        state.zmp_reference[0] - state.zmp_filtered[0],
+        state.zmp_reference[1] - state.zmp_filtered[1],
+    )
+    s = min(max(walking, 0.0), 1.0)
+    a, b = law.standing, law.walking
+    k_p = a[0, 0] + s * (b[0, 0] - a[0, 0]), a[0, 1] + s * (b[0, 1] - a[0, 1])
+    k_c = a[1, 0] + s * (b[1, 0] - a[1, 0]), a[1, 1] + s * (b[1, 1] - a[1, 1])
+    return heading_correction(heading, e_p, (state.e_c[0], state.e_c[1]), k_p, k_c)
+
+
+@kernel
+def apply_law(
+    law: Record,
+    state: Record,
+    past: np.ndarray,
+    reference: Record,
+    com: np.ndarray,
+    zmp: np.ndarray,
+    feedback_scale: float,
+) -> None:
+    """Find u by Eq. (31), bounded, and the CoM command, its integral.
+
+    The ZMP passes a low-pass filter, and its reference the identical one, so that an
+    error without noise stays zero. Bounds keep what is integrated in step with u.
+
+    Args:
+        law: A record of `LAW`.
+        state: A record of `LAW_STATE`, where the output goes.
+        past: Reference CoM and ZMP [m] of the last delay + 1 ticks: a ring, (n, 4).
+        reference: A record of `REFERENCE`.
+        com: Measured CoM [m], world.
+        zmp: Measured ZMP [m], world.
+        feedback_scale: Factor on the feedback [-], in [0, 1].
+    """
+    state.past = (state.past + 1) % len(past)
+    newest, oldest = past[state.past], past[(state.past + 1) % len(past)]
+    dt, a = law.period, law.alpha
+    for i in range(2):
+        newest[i], newest[2 + i] = reference.com[i], reference.zmp[i]
+    for i in range(2):
+        state.zmp_reference[i] += a * (oldest[2 + i] - state.zmp_reference[i])
+        state.zmp_filtered[i] += a * (zmp[i] - state.zmp_filtered[i])
+        state.e_c[i] = oldest[i] - com[i]
+        state.com_command[i] = newest[i] + state.offset[i]
+    x, y = _correction(law, state, reference.heading, reference.walking)
+    x, y, fast = _limited(feedback_scale * x, feedback_scale * y, law.max_correction)
+    o_x, o_y = state.offset[0], state.offset[1]
+    p_x, p_y, far = _limited(o_x + x * dt, o_y + y * dt, law.max_offset)
+    state.offset[0], state.offset[1] = p_x, p_y
+    if far:
+        x, y = (p_x - o_x) / dt, (p_y - o_y) / dt
+    state.u[0] = reference.com_velocity[0] + x
+    state.u[1] = reference.com_velocity[1] + y
+    state.bounded = fast or far
 
 
 def _xy(name: str, value: np.ndarray | Sequence[float]) -> Pair:
@@ -372,11 +470,31 @@ class WalkingController:
         Raises:
             ParameterError: If the period is out of range.
         """
-        self.gains = gains
         self.settings = settings or ControlSettings()
         self.period = checked_number("period", period, unit="s", low=0, open_low=True)
-        self._alpha = low_pass_coefficient(self.settings.zmp_cutoff, self.period)
+        self.law, self.state = np.zeros(1, LAW), np.zeros(1, LAW_STATE)
+        """Its records, which a whole body's tick shares."""
+        self.past = np.zeros((int(self.settings.delay) + 1, 4))
+        """Reference CoM and ZMP of the last delay + 1 ticks [m]."""
+        self._reference = np.zeros(1, REFERENCE)
+        law = self.law[0]
+        law["period"] = self.period
+        law["alpha"] = low_pass_coefficient(self.settings.zmp_cutoff, self.period)
+        law["max_correction"] = self.settings.max_correction
+        law["max_offset"] = self.settings.max_offset
+        self.gains = gains
         self.reset((0.0, 0.0), (0.0, 0.0))
+
+    @property
+    def gains(self) -> Gains:
+        """Gains of Eq. (31); new ones count from the next tick on."""
+        return self._gains
+
+    @gains.setter
+    def gains(self, gains: Gains) -> None:
+        """Take over new gains."""
+        self._gains = gains
+        self.law["walking"], self.law["standing"] = gains.walking, gains.standing
 
     def reset(
         self,
@@ -396,10 +514,9 @@ class WalkingController:
             _xy("reference_com", reference_com),
             _xy("reference_zmp", reference_zmp),
         )
-        n = int(self.settings.delay) + 1
-        self._past: deque[tuple[Pair, Pair]] = deque([(c_d, p_d)] * n, maxlen=n)
-        self._zmp = self._zmp_reference = p_d
-        self._offset = (0.0, 0.0)
+        self.past[:] = *c_d, *p_d
+        self.state[:] = 0
+        self.state["zmp_filtered"] = self.state["zmp_reference"] = p_d
 
     def step(
         self,
@@ -422,50 +539,17 @@ class WalkingController:
         Raises:
             ParameterError: If a measurement is not finite.
         """
-        c, p = _xy("com", com), _xy("zmp", zmp)
-        c_d, p_d = self._matched_reference(reference)
-        p_d = self._zmp_reference = self._filtered(self._zmp_reference, p_d)
-        p = self._zmp = self._filtered(self._zmp, p)
-        e_c = c_d[0] - c[0], c_d[1] - c[1]
-        e_p = p_d[0] - p[0], p_d[1] - p[1]
-        gains = self.gains.blend(reference.walking)
-        w_x, w_y = heading_correction(reference.heading, e_p, e_c, *gains)
-        limit = self.settings.max_correction
-        w_x, w_y, fast = _limited(trust * w_x, trust * w_y, limit)
-        o_x, o_y = self._offset
-        w_x, w_y, far = self._integrate(w_x, w_y)
-        cdot_d, c_d = reference.com_velocity, self._past[-1][0]
-        return ControlOutput(
-            np.array((float(cdot_d[0]) + w_x, float(cdot_d[1]) + w_y)),
-            np.array((c_d[0] + o_x, c_d[1] + o_y)),
-            np.array(e_c),
-            np.array(e_p),
-            np.array(p_d),
-            np.array(p),
-            fast or far,
-        )
+        c, p = np.array(_xy("com", com)), np.array(_xy("zmp", zmp))
+        now = self._reference[0]
+        for name in ("com", "com_velocity", "zmp"):
+            now[name][:2] = getattr(reference, name)[:2]
+        now["heading"], now["walking"] = reference.heading, reference.walking
+        apply_law(self.law[0], self.state[0], self.past, now, c, p, float(trust))
+        return self.output()
 
-    def _matched_reference(self, reference: ControlReference) -> tuple[Pair, Pair]:
-        """Return the reference CoM and ZMP as late as the measurements are."""
-        c_d, p_d = reference.com, reference.zmp
-        now = (float(c_d[0]), float(c_d[1])), (float(p_d[0]), float(p_d[1]))
-        self._past.append(now)
-        return self._past[0]
-
-    def _filtered(self, old: Pair, new: Pair) -> Pair:
-        """Return one step of the low-pass filter."""
-        a, (x, y) = self._alpha, old
-        return x + a * (new[0] - x), y + a * (new[1] - y)
-
-    def _integrate(self, w_x: float, w_y: float) -> tuple[float, float, bool]:
-        """Integrate the correction to the offset; return the rate it really has."""
-        (o_x, o_y), dt = self._offset, self.period
-        x, y, far = _limited(o_x + w_x * dt, o_y + w_y * dt, self.settings.max_offset)
-        self._offset = x, y
-        if far:
-            return (x - o_x) / dt, (y - o_y) / dt, True
-        return w_x, w_y, False
-
-
-Value: TypeAlias = Any
-"""A float, or an array of them (np.ndarray) that the formula is applied to at once."""
+    def output(self) -> ControlOutput:
+        """Return what the law asked for at the last tick."""
+        s = self.state[0]
+        p_d, p = s["zmp_reference"].copy(), s["zmp_filtered"].copy()
+        u, c, e_c = s["u"].copy(), s["com_command"].copy(), s["e_c"].copy()
+        return ControlOutput(u, c, e_c, p_d - p, p_d, p, bool(s["bounded"]))

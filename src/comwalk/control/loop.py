@@ -6,20 +6,28 @@ import itertools
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from enum import StrEnum
-from typing import NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..embedding import bounded_solver
 from ..errors import (
     ModelError,
-    checked_number,
 )
 from ..pattern import (
-    Phase,
+    REFERENCE,
     Reference,
+    record_of,
+)
+from .guard import (
+    WALKS,
+    Outcome,
+    Watch,
+    check_fall,
+    check_sensors,
+    completed,
+    guard_of,
+    interrupted,
+    outcome_of,
 )
 from .law import (
     Controller,
@@ -35,72 +43,6 @@ from .sensing import (
     Measurement,
     zmp_from_wrenches,
 )
-
-
-class End(StrEnum):
-    """How a run can end."""
-
-    COMPLETED = "completed"
-    FELL = "fell"
-    ABORTED = "aborted"
-
-
-@dataclass(frozen=True, slots=True)
-class Outcome:
-    """How, when and why a run ended."""
-
-    end: End
-    """Completed, fell or aborted."""
-    time: float
-    """When [s]."""
-    phase: Phase
-    """The supporting phase it ended in."""
-    step: int
-    """Footsteps completed by then."""
-    cause: str
-    """Why, for people; empty when completed."""
-
-    @property
-    def ok(self) -> bool:
-        """Whether the plan was walked to its end."""
-        return self.end is End.COMPLETED
-
-    def __str__(self) -> str:
-        """Return one line, such as "fell at 3.21 s in single left, step 2: ..."."""
-        if self.ok:
-            return f"completed in {self.time:.2f} s"
-        phase = self.phase.name.lower().replace("_", " ")
-        return (
-            f"{self.end} at {self.time:.2f} s in {phase} support phase, "
-            f"after {self.step} steps: {self.cause}"
-        )
-
-
-@dataclass(frozen=True, kw_only=True)
-class Watch:
-    """When a walk counts as a fall."""
-
-    tilt: float = 0.5
-    """Tilt of the trunk [rad], in (0, pi]."""
-    com_error: float = 0.3
-    """Horizontal distance of the CoM from its reference [m], > 0."""
-    least_load: float = 0.1
-    """Ground force, as a share of the largest so far, under which the robot is in the
-    air or lies, in (0, 1)."""
-    patience: float = 0.2
-    """How long the ground force may be missing [s], > 0."""
-
-    def __post_init__(self) -> None:
-        """Check the ranges.
-
-        Raises:
-            ParameterError: If a value is out of range.
-        """
-        for name, high in (("tilt", math.pi), ("com_error", 10), ("least_load", 1)):
-            value = getattr(self, name)
-            checked_number(f"watch.{name}", value, low=0, high=high, open_low=True)
-        checked_number("watch.patience", self.patience, low=0, high=10, open_low=True)
-
 
 Progress = Callable[[float], None]
 """Called now and then with the time since the plan's start [s]."""
@@ -139,6 +81,75 @@ class Walkable(Protocol):
         ...
 
 
+class Ticker(Protocol):
+    """One control period after the other: measure, guard, control, act."""
+
+    def step(self, time: float, sensors: Any) -> Outcome | None:
+        """Go through the period that starts at a time [s].
+
+        Returns:
+            None, with `command` ready to be sent; or why the walk has to end.
+        """
+        ...
+
+    @property
+    def command(self) -> Command:
+        """The set-points of the last period."""
+        ...
+
+    @property
+    def reference(self) -> Reference:
+        """What the plan asked for in the last period."""
+        ...
+
+    def seen(self, sensors: Sensors, seconds: float) -> Tick:
+        """Return all that happened in the last period.
+
+        Args:
+            sensors: What `step` was given.
+            seconds: How long it took [s].
+        """
+        ...
+
+
+class Link(Protocol):
+    """What exchanges commands and readings with a plant."""
+
+    def write(self, k: int, sensors: Sensors | None, seconds: float) -> None:
+        """Send the command of the k-th period, which took some seconds to compute."""
+        ...
+
+    def read(self) -> Sensors | None:
+        """Return what the robot senses at the end of the period."""
+        ...
+
+
+class PlantLink:
+    """Calls `Plant.write` and `Plant.read`. Final."""
+
+    def __init__(
+        self, plant: Plant, ticker: Ticker, on_tick: Callable[[Tick], None] | None
+    ) -> None:
+        """Link a plant to what computes its commands.
+
+        Args:
+            plant: The robot.
+            ticker: What computes commands.
+            on_tick: Called after each command was written.
+        """
+        self._plant, self._ticker, self._on_tick = plant, ticker, on_tick
+
+    def write(self, k: int, sensors: Sensors | None, seconds: float) -> None:
+        """Send the command, and tell of the tick; see `Link.write`."""
+        self._plant.write(self._ticker.command)
+        if self._on_tick is not None and sensors is not None:
+            self._on_tick(self._ticker.seen(sensors, seconds))
+
+    def read(self) -> Sensors:
+        """Return what the robot senses at the end of the period."""
+        return self._plant.read()
+
+
 def walk(
     pattern: Walkable,
     controller: Controller,
@@ -147,6 +158,7 @@ def walk(
     *,
     on_tick: Callable[[Tick], None] | None = None,
     watch: Watch | None = None,
+    link: Callable[[Any], Link] | None = None,
 ) -> Outcome:
     """Walk a pattern on a plant, Fig. 4.
 
@@ -158,42 +170,37 @@ def walk(
         plant: The robot, simulated or real.
         on_tick: Called each period after the command was written.
         watch: When a walk counts as a fall.
+        link: Makes, from the ticker, what exchanges commands and readings with the
+            plant, where something faster than `plant.write` and `read` does.
 
     Returns:
         The outcome. A fall, and an interruption by the user, are outcomes.
     """
-    guard = _Guard(watch or Watch())
     check_joints(body, plant)
-    bounded_solver()  # not to be imported in mid-walk
     reference = pattern.at(0.0)
     controller.reset(reference.com, reference.zmp)
+    command = body.start(reference)
+    ticker = body.ticker(pattern, controller, watch or Watch())
+    way = PlantLink(plant, ticker, on_tick) if link is None else link(ticker)
     outcome, reason = None, "an error"
     try:
-        sensors = plant.start(body.start(reference))
-        for tick in range(math.ceil(pattern.duration / plant.period)):
+        sensors: Sensors | None = plant.start(command)
+        for k in range(math.ceil(pattern.duration / plant.period)):
             begin = time.perf_counter()
-            reference = pattern.at(tick * plant.period)
-            if (outcome := guard.check_sensors(reference, sensors)) is not None:
+            outcome = ticker.step(k * plant.period, sensors)
+            if outcome is not None:
                 break
-            measured = body.measure(sensors, reference)
-            if (outcome := guard.check(reference, measured)) is not None:
-                break
-            control = controller.step(
-                reference, measured.com, measured.zmp, measured.trust
-            )
-            command = body.act(control, reference)
-            seconds = time.perf_counter() - begin
-            plant.write(command)
-            if on_tick is not None:
-                on_tick(Tick(reference, sensors, measured, control, command, seconds))
-            sensors = plant.read()
+            way.write(k, sensors, time.perf_counter() - begin)
+            sensors = way.read()
         reason = "done" if outcome is None else outcome.cause
     except KeyboardInterrupt:
-        outcome = interrupted(reference)
+        outcome = interrupted(ticker.reference)
         reason = outcome.cause
     finally:
         plant.stop(reason)
-    return completed(reference, pattern.duration) if outcome is None else outcome
+    if outcome is None:
+        return completed(ticker.reference, pattern.duration)
+    return outcome
 
 
 def check_joints(body: Body, plant: Plant) -> None:
@@ -216,86 +223,6 @@ def check_joints(body: Body, plant: Plant) -> None:
         )
 
 
-def _end(end: End, reference: Reference, cause: str) -> Outcome:
-    """Return an outcome at a reference's time."""
-    return Outcome(end, reference.time, reference.phase, reference.step, cause)
-
-
-def completed(reference: Reference, duration: float) -> Outcome:
-    """Return the outcome of a plan that was walked to its end.
-
-    Args:
-        reference: The last one.
-        duration: How long the plan lasts [s].
-    """
-    return Outcome(End.COMPLETED, duration, reference.phase, reference.step, "")
-
-
-def interrupted(reference: Reference) -> Outcome:
-    """Return the outcome of a walk that the user stopped."""
-    return _end(End.ABORTED, reference, "interrupted by the user")
-
-
-def blind(reference: Reference, sensors: str) -> Outcome:
-    """Return the outcome of sensors that read no numbers."""
-    return _end(End.ABORTED, reference, f"the {sensors} read no numbers")
-
-
-def tilted(reference: Reference, tilt: float) -> Outcome:
-    """Return the outcome of a trunk that tilted too far [rad]."""
-    cause = f"the trunk tilted by {math.degrees(tilt):.0f} deg"
-    return _end(End.FELL, reference, cause)
-
-
-def astray(reference: Reference, error: float) -> Outcome:
-    """Return the outcome of a CoM too far from its reference [m]."""
-    cause = f"the CoM is {error:.2f} m from its reference"
-    return _end(End.FELL, reference, cause)
-
-
-def lifted(reference: Reference) -> Outcome:
-    """Return the outcome of feet that bear the robot no longer."""
-    return _end(End.FELL, reference, "the feet lost the ground")
-
-
-class _Guard:
-    """Watches over a run: the only part of the loop that knows of falls."""
-
-    def __init__(self, watch: Watch) -> None:
-        self.watch = watch
-        self._heaviest = 0.0
-        self._lightened: float | None = None
-
-    def check_sensors(self, reference: Reference, sensors: Sensors) -> Outcome | None:
-        """Return the outcome of sensors that read no numbers."""
-        for name, value in (
-            ("encoders", sensors.positions),
-            ("ankle sensors", sensors.wrenches),
-            ("IMU", sensors.orientation),
-        ):
-            if not math.isfinite(np.vdot(value, value)):
-                return blind(reference, name)
-        return None
-
-    def check(self, reference: Reference, measured: Measurement) -> Outcome | None:
-        """Return the outcome that ends the run now, if any: a fall."""
-        watch, t = self.watch, reference.time
-        if measured.tilt > watch.tilt:
-            return tilted(reference, measured.tilt)
-        (x, y, _), (x_d, y_d, _) = measured.com.tolist(), reference.com.tolist()
-        error = math.hypot(x - x_d, y - y_d)
-        if not error < watch.com_error:
-            return astray(reference, error)
-        self._heaviest = max(self._heaviest, measured.load)
-        if measured.load >= watch.least_load * self._heaviest:
-            self._lightened = None
-        elif self._lightened is None:
-            self._lightened = t
-        elif t - self._lightened > watch.patience:
-            return lifted(reference)
-        return None
-
-
 class Body(Protocol):
     """The robot box of Fig. 4, as the loop sees it."""
 
@@ -314,6 +241,10 @@ class Body(Protocol):
 
     def act(self, control: ControlOutput, reference: Reference) -> Command:
         """Return the set-points for the next period."""
+        ...
+
+    def ticker(self, pattern: Walkable, controller: Controller, watch: Watch) -> Ticker:
+        """Return what measures, guards, controls and acts, after `start`."""
         ...
 
 
@@ -339,3 +270,53 @@ class PointBody:
     def act(self, control: ControlOutput, reference: Reference) -> Command:
         """Return u itself as the CoM's velocity."""
         return Command(control.com_command, control.u)
+
+    def ticker(self, pattern: Walkable, controller: Controller, watch: Watch) -> Ticker:
+        """Return what goes through one period after the other."""
+        return BodyTicker(pattern, controller, self, watch)
+
+
+class BodyTicker:
+    """Ticks by `Body.measure`, `Controller.step` and `Body.act`. Final."""
+
+    def __init__(
+        self, pattern: Walkable, controller: Controller, body: Body, watch: Watch
+    ) -> None:
+        """Prepare the first tick.
+
+        Args:
+            pattern: CoM, ZMP and feet over time.
+            controller: The law.
+            body: The body, started.
+            watch: When a walk counts as a fall.
+        """
+        self._pattern, self._controller, self._body = pattern, controller, body
+        self._watch, self._guard = guard_of(watch)
+        self._record = np.zeros(1, REFERENCE)
+        self.reference = pattern.at(0.0)
+        """What the plan asked for in the last period."""
+
+    def step(self, time: float, sensors: Sensors) -> Outcome | None:
+        """Go through the period that starts at a time [s]; see `Ticker.step`."""
+        reference = self.reference = self._pattern.at(time)
+        record_of(reference, self._record[0])
+        status = check_sensors(
+            sensors.positions, sensors.wrenches.ravel(), sensors.orientation
+        )
+        if status == WALKS:
+            measured = self._measured = self._body.measure(sensors, reference)
+            rules, guard, record = self._watch[0], self._guard[0], self._record[0]
+            com, load, tilt = measured.com, float(measured.load), float(measured.tilt)
+            status = check_fall(rules, guard, record, com, load, tilt)
+        if status != WALKS:
+            return outcome_of(status, reference, self._guard[0])
+        self._control = self._controller.step(
+            reference, measured.com, measured.zmp, measured.trust
+        )
+        self.command = self._body.act(self._control, reference)
+        return None
+
+    def seen(self, sensors: Sensors, seconds: float) -> Tick:
+        """Return all that happened in the last period; see `Ticker.seen`."""
+        parts = self._measured, self._control, self.command
+        return Tick(self.reference, sensors, *parts, seconds)

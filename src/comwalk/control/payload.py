@@ -10,11 +10,9 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
+from ..compiled import Record, kernel
 from ..pattern import (
     Phase,
-    Reference,
     minimum_jerk,
 )
 
@@ -25,61 +23,35 @@ RISE_TIME = 0.25
 """Time over which the law's feedback rises from zero after that [s]."""
 
 
-class Weighing:
-    """What is learnt of the robot in its first moments. Final.
+_STAND = int(Phase.STAND)
 
-    The law must not act meanwhile: fed with a CoM that follows the ZMP, it would chase
-    it.
+
+@kernel
+def weigh_standing(rules: Record, state: Record, reference: Record) -> None:
+    """Learn what the standing robot weighs, and correct the measured CoM.
+
+    Readings are averaged for `WEIGHING_TIME`. The law must not act meanwhile: fed with
+    a CoM that follows the ZMP, it would chase it. So `state.trust`, the factor on its
+    feedback, is zero until then, and rises smoothly to 1.
+
+    Args:
+        rules: Its `weight` is the model's [N], `most` the number of readings.
+        state: `com`, `zmp` and `load` of this tick; what is learnt stays in
+            `heaviness`, `lean` (in the heading's axes [m]) and `seen`.
+        reference: A record of `REFERENCE`.
     """
-
-    def __init__(self, weight: float, period: float) -> None:
-        """Take the model at its word until the robot stands.
-
-        Args:
-            weight: Weight of the model [N].
-            period: Control period [s].
-        """
-        self.heaviness = 1.0
-        """The robot's mass over the model's [-]."""
-        self._weight = weight
-        self._offset = (0.0, 0.0)  # the true CoM from the model's, heading's axes [m]
-        self._seen, self._most = 0, max(round(WEIGHING_TIME / period), 1)
-
-    def offset(self, heading: float) -> tuple[float, float]:
-        """Return the true CoM from the model's [m], world.
-
-        Args:
-            heading: Yaw of the trunk [rad].
-
-        Returns:
-            x and y.
-        """
-        c, s, (x, y) = math.cos(heading), math.sin(heading), self._offset
-        return c * x - s * y, s * x + c * y
-
-    def weigh(self, reference: Reference, load: float, lean: np.ndarray) -> float:
-        """Learn from one reading, if the robot stands and has not walked yet.
-
-        Args:
-            reference: The reference of this tick.
-            load: Vertical ground force [N].
-            lean: ZMP minus the model's CoM [m], world, (2,).
-
-        Returns:
-            How far the law may act on what is measured [-]: 0 while weighing, then
-            smoothly up to 1.
-        """
-        if reference.phase is not Phase.STAND or reference.step:
-            return 1.0
-        heaviness = load / self._weight
-        if self._seen < self._most and 0.5 < heaviness < 2.0:
-            self._learn(reference.heading, heaviness, *lean.tolist())
-        return minimum_jerk((reference.time - WEIGHING_TIME) / RISE_TIME)[0]
-
-    def _learn(self, heading: float, heaviness: float, x: float, y: float) -> None:
-        """Add a reading to the averages."""
-        self._seen += 1
-        a, (b_x, b_y) = 1.0 / self._seen, self._offset
-        c, s = math.cos(heading), math.sin(heading)
-        self.heaviness += a * (heaviness - self.heaviness)
-        self._offset = b_x + a * (c * x + s * y - b_x), b_y + a * (c * y - s * x - b_y)
+    heading = reference.heading
+    c, s, lean = math.cos(heading), math.sin(heading), state.lean
+    state.trust = 1.0
+    if reference.phase == _STAND and reference.step == 0:
+        heaviness = state.load / rules.weight
+        if state.seen < rules.most and 0.5 < heaviness < 2.0:
+            state.seen += 1
+            a = 1.0 / state.seen
+            x, y = state.zmp[0] - state.com[0], state.zmp[1] - state.com[1]
+            state.heaviness += a * (heaviness - state.heaviness)
+            lean[0] += a * (c * x + s * y - lean[0])
+            lean[1] += a * (c * y - s * x - lean[1])
+        state.trust = minimum_jerk((reference.time - WEIGHING_TIME) / RISE_TIME)[0]
+    state.com[0] += c * lean[0] - s * lean[1]
+    state.com[1] += s * lean[0] + c * lean[1]

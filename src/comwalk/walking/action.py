@@ -12,89 +12,17 @@ import numpy as np
 
 from ..compiled import Record, kernel
 from ..embedding import SLIDE, Flat, site_point, site_rotation
-from ..pattern import Phase, minimum_jerk
+from ..pattern import minimum_jerk
 from .foot_contact import (
-    EDGE,
-    LEAN_TIME,
-    REACH,
-    RECOVERING,
-    RETURN_TIME,
-    SETTLE_TIME,
-    TOLERANCE,
-)
-from .measurement import (
+    follow_ground,
     foothold,
+    planned_share,
     untilt,
 )
-from .whole_body import RECKONING
 
-_DOUBLE = int(Phase.DOUBLE)
-_LEFT, _RIGHT = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
-
-
-# ---- The law ----------------------------------------------------------------------
-
-
-@kernel
-def _limited(x: float, y: float, limit: float) -> tuple[float, float, bool]:
-    """Return the vector shortened to the limit, and whether it was longer."""
-    length = math.hypot(x, y)
-    if length <= limit:
-        return x, y, False
-    return x * limit / length, y * limit / length, True
-
-
-@kernel
-def _correction(
-    rules: Record, state: Record, heading: float, walking: float
-) -> tuple[float, float]:
-    """Return the feedback part of Eq. (31); `control.heading_correction`."""
-    c, s = math.cos(heading), math.sin(heading)
-    e_px = state.zmp_reference[0] - state.zmp_filtered[0]
-    e_py = state.zmp_reference[1] - state.zmp_filtered[1]
-    e_cx, e_cy = state.e_c[0], state.e_c[1]
-    t = min(max(walking, 0.0), 1.0)
-    p, k = rules.standing, rules.walking
-    w_x = (p[1, 0] + t * (k[1, 0] - p[1, 0])) * (c * e_cx + s * e_cy)
-    w_x -= (p[0, 0] + t * (k[0, 0] - p[0, 0])) * (c * e_px + s * e_py)
-    w_y = (p[1, 1] + t * (k[1, 1] - p[1, 1])) * (c * e_cy - s * e_cx)
-    w_y -= (p[0, 1] + t * (k[0, 1] - p[0, 1])) * (c * e_py - s * e_px)
-    return c * w_x - s * w_y, s * w_x + c * w_y
-
-
-@kernel
-def control(rules: Record, state: Record, past: np.ndarray, reference: Record) -> None:
-    """Find u and the CoM command; `WalkingController.step`, Eq. (31).
-
-    Args:
-        rules: Settings.
-        state: What is found goes here.
-        past: The reference CoM and ZMP of the last delay + 1 ticks, a ring of (., 4).
-        reference: The reference.
-    """
-    state.past = (state.past + 1) % len(past)
-    newest, oldest = past[state.past], past[(state.past + 1) % len(past)]
-    dt, a = rules.period, rules.alpha
-    for i in range(2):
-        newest[i], newest[2 + i] = reference.com[i], reference.zmp[i]
-    for i in range(2):
-        state.zmp_reference[i] += a * (oldest[2 + i] - state.zmp_reference[i])
-        state.zmp_filtered[i] += a * (state.zmp[i] - state.zmp_filtered[i])
-        state.e_c[i] = oldest[i] - state.com[i]
-        state.com_command[i] = newest[i] + state.offset[i]
-    x, y = _correction(rules, state, reference.heading, reference.walking)
-    x, y, fast = _limited(state.trust * x, state.trust * y, rules.max_correction)
-    o_x, o_y = state.offset[0], state.offset[1]
-    p_x, p_y, far = _limited(o_x + x * dt, o_y + y * dt, rules.max_offset)
-    state.offset[0], state.offset[1] = p_x, p_y
-    if far:
-        x, y = (p_x - o_x) / dt, (p_y - o_y) / dt
-    state.u[0], state.u[1] = (
-        reference.com_velocity[0] + x,
-        reference.com_velocity[1] + y,
-    )
-    state.bounded = fast or far
-
+RECKONING = 5.0
+"""Feedback of the supporting foot to its dead reckoning [1/s]: slow, since each
+correction moves the whole body."""
 
 # ---- Rotations --------------------------------------------------------------------
 
@@ -167,76 +95,6 @@ def _foot_twist(
     twist[5] = foot.yaw_rate + K_p * e_z
 
 
-@kernel
-def planned_share(reference: Record) -> float:
-    """Return the planned share of the weight on the left foot; `footing`."""
-    phase = reference.phase
-    left, right = reference.feet[0].position, reference.feet[1].position
-    if phase == _LEFT or phase == _RIGHT:
-        return 1.0 if phase == _LEFT else 0.0
-    x, y = right[0], right[1]
-    d_x, d_y = left[0] - x, left[1] - y
-    share = (reference.zmp[0] - x) * d_x + (reference.zmp[1] - y) * d_y
-    return min(max(share / (d_x * d_x + d_y * d_y), 0.0), 1.0)
-
-
-@kernel
-def _land(
-    rules: Record,
-    state: Record,
-    reference: Record,
-    k: int,
-    swings: bool,
-    surplus: float,
-) -> None:
-    """Let foot k yield by the weight that it bears too much; `Footing._land`."""
-    dt, h = rules.period, state.heights[k]
-    rising = reference.feet[k].velocity[2] > 0.0
-    if rules.landing == 0.0:
-        return
-    if swings and (surplus <= 0.0 or rising):
-        state.heights[k] = h - dt / RETURN_TIME * h
-        return
-    double = reference.phase == _DOUBLE
-    if double or swings:
-        h += (0.5 if double else 1.0) * dt * rules.landing * surplus
-    state.heights[k] = min(max(h - dt / SETTLE_TIME * h, -REACH), REACH)
-
-
-@kernel
-def _lie(rules: Record, state: Record, k: int, swings: bool) -> None:
-    """Let sole k lie as the IMU says it does; `Footing._lie`."""
-    dt = rules.period
-    if not rules.imu or (state.recovers and not swings):
-        return
-    for i in range(2):
-        lean = state.leans[k, i]
-        if swings:
-            state.leans[k, i] = lean - dt / RETURN_TIME * lean
-            continue
-        lean += dt / LEAN_TIME * (state.up[k, i] - lean)
-        edge = min(max(state.edges[k, i], -1.0), 1.0)
-        past = math.copysign(max(abs(edge) - EDGE, 0.0) / (1.0 - EDGE), edge)
-        state.leans[k, i] = lean + dt * rules.rolling * past
-
-
-@kernel
-def _follow(rules: Record, state: Record, reference: Record) -> None:
-    """Move the commanded feet towards what was felt; `Footing.follow`."""
-    state.recovers = math.hypot(state.e_c[0], state.e_c[1]) > RECOVERING
-    phase, swing = reference.phase, 1 - int(reference.support)
-    single = phase == _LEFT or phase == _RIGHT
-    surplus = state.left_share - planned_share(reference)
-    surplus -= min(max(surplus, -TOLERANCE), TOLERANCE)
-    for k in range(2):
-        swings = single and k == swing
-        _land(rules, state, reference, k, swings, surplus if k == 0 else -surplus)
-        _lie(rules, state, k, swings)
-    if single:
-        for i in range(3):
-            state.offsets[swing, i] *= 1.0 - rules.period / RETURN_TIME
-
-
 # ---- The dance --------------------------------------------------------------------
 
 
@@ -298,6 +156,7 @@ def want(
     flat: Flat,
     rules: Record,
     state: Record,
+    law: Record,
     wanted: Record,
     joints: np.ndarray,
     moved: np.ndarray,
@@ -309,7 +168,8 @@ def want(
     Args:
         flat: The robot at the commanded configuration, with its levers.
         rules: Settings.
-        state: What was measured and what the law says; the feet then follow it.
+        state: What was measured; the feet then follow it.
+        law: What the law says, a record of `LAW_STATE`.
         wanted: CoM velocity and trunk rate go here, twists and rates to the robot.
         joints: Servos and limits, with the angles of the embedded motion.
         moved: The joints that it moves.
@@ -318,14 +178,14 @@ def want(
     """
     K, com = rules.feedback, flat.links[0].moment
     for i in range(2):
-        wanted.com[i] = K * (state.com_command[i] - com[i]) + state.u[i]
+        wanted.com[i] = K * (law.com_command[i] - com[i]) + law.u[i]
     wanted.com[2] = K * (reference.com[2] - com[2])
     x, y, z = level_error(reference.heading, flat.links[0].R, state.level)
     wanted.trunk[0], wanted.trunk[1] = K * x, K * y
     wanted.trunk[2] = K * z + reference.heading_rate
     for k in range(2):
         _foot_twist(flat, rules, state, reference, k)
-    _follow(rules, state, reference)
+    follow_ground(rules, state, law, reference)
     for j in range(len(joints)):
         flat.links[1 + j].wish = K * (joints[j].home - q[7 + j])
     if rules.embed:

@@ -1,6 +1,6 @@
 """Where the soles stand, how they lie, and how they meet uneven ground.
 
-The plan thinks of level soles at planned places. A `Footing` keeps what is different:
+The plan thinks of level soles at planned places. The state of the body keeps what is different:
 *dead reckoning* by the encoders tells where a foot came down, the IMU tells how a sole
 lies, and the shares of the weight that the feet bear tell a foot that lands to yield
 when it meets the ground early, and to reach down when the ground comes late.
@@ -9,21 +9,14 @@ when it meets the ground early, and to reach down when the ground comes late.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
-from ..control import BodySettings
+from ..compiled import Record, kernel
+from ..embedding import Flat, site_point, site_rotation, turned
 from ..pattern import (
     Phase,
-    Reference,
-    share_between,
 )
-from ..sides import Side
-
-FOOT_INDEX = {side: k for k, side in enumerate(Side)}
-"""Row of each foot in arrays of both."""
 
 RETURN_TIME = 0.1
 """Time constant of a swinging foot's return to its path [s]."""
@@ -42,217 +35,190 @@ TOLERANCE = 0.25
 REACH = 0.05
 """Farthest that a foot leaves its plan up or down [m]."""
 
-
-class Place(NamedTuple):
-    """Where a level frame stands."""
-
-    x: float
-    """Forward, world [m]."""
-    y: float
-    """To the left, world [m]."""
-    c: float
-    """Cosine of its yaw [-]."""
-    s: float
-    """Sine of its yaw [-]."""
-
-    def turn(self, v: Sequence[float]) -> tuple[float, float, float]:
-        """Return a vector in world axes, given in the frame's."""
-        x, y, z = v
-        return self.c * x - self.s * y, self.s * x + self.c * y, z
-
-    def of(self, point: Sequence[float]) -> tuple[float, float, float]:
-        """Return a point in the world, given in the frame."""
-        x, y, z = self.turn(point)
-        return self.x + x, self.y + y, z
+_DOUBLE = int(Phase.DOUBLE)
+_LEFT, _RIGHT = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
+SOLE, ANKLE, IMU = 0, 2, 4
+"""First sites of a robot's records: both soles, both ankle sensors, the IMU."""
 
 
-def tilt_matrix(up: Sequence[float]) -> np.ndarray:
-    r"""Return the smallest rotation that takes a direction to the vertical.
+LEAST_LOAD, _EDGE_LEAST = 0.05, 0.1
+"""Shares of the weight that a ZMP, and an edge, need [-]."""
 
-    Args:
-        up: The x and y of the unit vector that points up, in the tilted frame.
 
-    Returns:
-        Rotation from the tilted to the level frame of the same heading, (3, 3).
-    """
-    x, y = up
+@kernel
+def turned_back(R: Record, x: float, y: float, z: float) -> tuple[float, float, float]:
+    """Return R^T v."""
+    return (
+        R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
+        R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
+        R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
+    )
+
+
+@kernel
+def untilt(R: Record, x: float, y: float, out: Record) -> None:
+    """Write R T^T, with T the smallest rotation that takes (x, y, .) to the vertical."""
     z = math.sqrt(max(1.0 - x * x - y * y, 0.0))
     k = 1.0 / (1.0 + z)
-    return np.array(
-        [
-            [1.0 - k * x * x, -k * x * y, -x],
-            [-k * x * y, 1.0 - k * y * y, -y],
-            [x, y, z],
-        ]
+    a, b, d = 1.0 - k * x * x, -k * x * y, 1.0 - k * y * y
+    for i in range(3):
+        u, v, w = R[i, 0], R[i, 1], R[i, 2]
+        out[i, 0] = u * a + v * b - w * x
+        out[i, 1] = u * b + v * d - w * y
+        out[i, 2] = u * x + v * y + w * z
+
+
+@kernel
+def foothold(state: Record, reference: Record, k: int) -> tuple[float, float, float]:
+    """Return where sole k stands: x [m], y [m], yaw [rad]."""
+    foot, away = reference.feet[k], state.offsets[k]
+    x, y = foot.position[0], foot.position[1]
+    return x + away[0], y + away[1], foot.yaw + away[2]
+
+
+@kernel
+def level_frame(rules: Record, state: Record, k: int, out: Record) -> None:
+    """Write the level frame over sole k."""
+    if rules.imu:
+        untilt(state.soles[k], state.up[k, 0], state.up[k, 1], out)
+        return
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = state.soles[k, i, j]
+
+
+@kernel
+def feel_tilt(flat: Flat, rules: Record, state: Record, imu: np.ndarray) -> None:
+    """Find how both soles lie, by the IMU."""
+    if not rules.imu:
+        return
+    w, x, y, z = imu[0], imu[1], imu[2], imu[3]
+    site_rotation(flat, IMU, state.sensor)
+    up = (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
+    a, b, c = turned(state.sensor, up)
+    share = rules.imu_share * (CAUTION if state.recovers else 1.0)
+    for k in range(2):
+        seen = turned_back(state.soles[k], a, b, c)
+        state.up[k, 0] += share * (seen[0] - state.up[k, 0])
+        state.up[k, 1] += share * (seen[1] - state.up[k, 1])
+
+
+@kernel
+def _remainder(angle: float) -> float:
+    """Return an angle in [-pi, pi], as `math.remainder` does of a whole turn."""
+    return angle - math.tau * np.rint(angle / math.tau)
+
+
+@kernel
+def change_support(
+    flat: Flat, rules: Record, state: Record, reference: Record, new: int
+) -> None:
+    """Find where the new supporting sole stands, seen from the old one."""
+    old, level = state.support, state.level
+    level_frame(rules, state, old, level)
+    level_frame(rules, state, new, state.other)
+    x, y, z = site_point(flat, SOLE + new)
+    u, v, w = site_point(flat, SOLE + old)
+    x, y, z = turned_back(level, x - u, y - v, z - w)
+    a, b, _ = turned_back(
+        level, state.other[0, 0], state.other[1, 0], state.other[2, 0]
     )
+    p, q, yaw = foothold(state, reference, old)
+    c, s = math.cos(yaw), math.sin(yaw)
+    foot, away = reference.feet[new], state.offsets[new]
+    away[0] = p + c * x - s * y - foot.position[0]
+    away[1] = q + s * x + c * y - foot.position[1]
+    away[2] = _remainder(yaw + math.atan2(b, a) - foot.yaw)
+    state.support = new
 
 
-def planned_share(reference: Reference) -> float:
-    """Return the share of the weight that the plan puts on the left foot.
+@kernel
+def feel_edges(rules: Record, state: Record, k: int, wrench: Record) -> None:
+    """Find where on sole k the ground presses."""
+    f_x, f_y, f_z = turned(rules.sole_turn[k], wrench)
+    m_x, m_y, _ = turned(rules.sole_turn[k], wrench[3:])
+    f_z += rules.foot_weight[k]
+    edge, arm, half = state.edges[k], rules.sole_arm[k], rules.sole_half[k]
+    if f_z < _EDGE_LEAST * rules.weight:
+        edge[0] = edge[1] = 0.0
+        return
+    edge[0] = (arm[0] - (m_y + arm[2] * f_x) / f_z) / half[0]
+    edge[1] = (arm[1] + (m_x - arm[2] * f_y) / f_z) / half[1]
+
+
+@kernel
+def planned_share(reference: Record) -> float:
+    """Return the planned share of the weight on the left foot [-].
 
     On two feet it is where the reference ZMP lies between the soles.
-
-    Args:
-        reference: The reference.
-
-    Returns:
-        Share [-], in [0, 1].
     """
-    if reference.phase in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT):
-        return 1.0 if reference.phase is Phase.SINGLE_LEFT else 0.0
-    return share_between(
-        reference.zmp, reference.left.position[:2], reference.right.position[:2]
-    )
+    phase = reference.phase
+    left, right = reference.feet[0].position, reference.feet[1].position
+    if phase == _LEFT or phase == _RIGHT:
+        return 1.0 if phase == _LEFT else 0.0
+    x, y = right[0], right[1]
+    d_x, d_y = left[0] - x, left[1] - y
+    share = (reference.zmp[0] - x) * d_x + (reference.zmp[1] - y) * d_y
+    return min(max(share / (d_x * d_x + d_y * d_y), 0.0), 1.0)
 
 
-class Footing:
-    """How the feet differ from the plan. Final."""
+@kernel
+def _comply(
+    rules: Record,
+    state: Record,
+    reference: Record,
+    k: int,
+    swings: bool,
+    surplus: float,
+) -> None:
+    """Let foot k yield by the share of the weight that it bears too much."""
+    dt, h = rules.period, state.heights[k]
+    rising = reference.feet[k].velocity[2] > 0.0
+    if rules.landing == 0.0:
+        return
+    if swings and (surplus <= 0.0 or rising):
+        state.heights[k] = h - dt / RETURN_TIME * h
+        return
+    double = reference.phase == _DOUBLE
+    if double or swings:
+        h += (0.5 if double else 1.0) * dt * rules.landing * surplus
+    state.heights[k] = min(max(h - dt / SETTLE_TIME * h, -REACH), REACH)
 
-    def __init__(self, settings: BodySettings, period: float) -> None:
-        """Start with both soles as planned.
 
-        Args:
-            settings: Which of the sensors are heeded, and how fast a foot yields.
-            period: Control period [s].
-        """
-        self._settings, self._period = settings, period
-        self._offsets = {side: (0.0, 0.0, 0.0) for side in Side}
-        self._recovers = False
-        self._up = np.zeros((2, 2))  # measured: what is up, in each sole's frame
-        self.heights = {side: 0.0 for side in Side}
-        """How far each foot is commanded above its plan [m]."""
-        self.leans = np.zeros((2, 2))
-        """How each foot is commanded to lie: what is up, in its frame, (2, 2)."""
-        cutoff = settings.imu_cutoff
-        self._share = 1.0 - math.exp(-2.0 * math.pi * cutoff * period)
+@kernel
+def _align(rules: Record, state: Record, k: int, swings: bool) -> None:
+    """Align sole k with the ground tilt that the IMU measures, a swinging one level.
 
-    def foothold(self, side: Side, reference: Reference) -> tuple[float, float, float]:
-        """Return where a sole stands: x [m], y [m], yaw [rad]."""
-        foot = reference.foot(side)
-        x, y, _ = foot.position.tolist()
-        dx, dy, dyaw = self._offsets[side]
-        return x + dx, y + dy, foot.yaw + dyaw
-
-    def place(self, side: Side, reference: Reference) -> Place:
-        """Return where a sole stands as a level frame."""
-        x, y, yaw = self.foothold(side, reference)
-        return Place(x, y, math.cos(yaw), math.sin(yaw))
-
-    def feel(self, soles: np.ndarray, imu: np.ndarray, orientation: np.ndarray) -> None:
-        """Find how both soles lie, by the IMU.
-
-        Args:
-            soles: Rotations of the soles, by the encoders, (2, 3, 3).
-            imu: Rotation of the IMU, by the encoders, in the same axes, (3, 3).
-            orientation: What the IMU reads, quaternion wxyz.
-        """
-        if not self._settings.imu:
-            return
-        w, x, y, z = orientation.tolist()
-        up = (
-            2.0 * (x * z - w * y),
-            2.0 * (y * z + w * x),
-            1.0 - 2.0 * (x * x + y * y),
-        )  # the world's vertical, in the IMU's frame
-        seen = (imu @ up) @ soles  # (2, 3), in each sole's frame
-        share = self._share * (CAUTION if self._recovers else 1.0)
-        self._up += share * (seen[:, :2] - self._up)
-
-    def level(self, soles: np.ndarray, side: Side) -> np.ndarray:
-        """Return the level frame over a sole.
-
-        Args:
-            soles: Rotations of the soles, (2, 3, 3).
-            side: Which sole.
-
-        Returns:
-            Rotation of a frame with the sole's heading and z up, (3, 3).
-        """
-        k = FOOT_INDEX[side]
-        if not self._settings.imu:
-            return soles[k]
-        return soles[k] @ tilt_matrix(self._up[k].tolist()).T
-
-    def change_support(
-        self, old: Side, reference: Reference, seen: Sequence[float], turn: float
-    ) -> None:
-        """Find where the new supporting sole stands, seen from the old one.
-
-        Args:
-            old: The side that supported until now.
-            reference: The reference of this tick.
-            seen: The new sole's centre in the old one's level frame [m].
-            turn: The new sole's heading in that frame [rad].
-        """
-        new = old.other
-        x, y, _ = self.place(old, reference).of(seen)
-        yaw = self.foothold(old, reference)[2] + turn
-        self._offsets[new] = (0.0, 0.0, 0.0)
-        x_d, y_d, yaw_d = self.foothold(new, reference)
-        dyaw = math.remainder(yaw - yaw_d, math.tau)
-        self._offsets[new] = (x - x_d, y - y_d, dyaw)
-
-    def follow(
-        self,
-        reference: Reference,
-        left_share: float,
-        edges: np.ndarray,
-        com_error: np.ndarray,
-    ) -> None:
-        """Move the commanded feet towards what was felt.
-
-        Args:
-            reference: The reference of this tick.
-            left_share: Share of the weight that the left foot bears [-].
-            edges: Where each foot's centre of pressure is, x and y as shares of the
-                sole's half length and half width, (2, 2); zero for a foot in the air.
-            com_error: CoM ahead of its reference [m], world, (2,).
-        """
-        self._recovers = math.hypot(*com_error.tolist()) > RECOVERING
-        single = reference.phase in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT)
-        swing, planned = reference.support.other, planned_share(reference)
-        surplus = left_share - planned
-        surplus -= min(max(surplus, -TOLERANCE), TOLERANCE)
-        for side in Side:
-            swings = single and side is swing
-            self._land(side, reference, swings, surplus * side.sign)
-            self._lie(side, swings, edges)
-        if single:
-            keep = 1.0 - self._period / RETURN_TIME
-            dx, dy, dyaw = self._offsets[swing]
-            self._offsets[swing] = (keep * dx, keep * dy, keep * dyaw)
-
-    def _land(
-        self, side: Side, reference: Reference, swings: bool, surplus: float
-    ) -> None:
-        """Let a foot yield by the share of the weight that it bears too much."""
-        dt, h = self._period, self.heights[side]
-        if not self._settings.landing:
-            return
-        if swings and (surplus <= 0.0 or reference.foot(side).velocity[2] > 0.0):
-            self.heights[side] = h - dt / RETURN_TIME * h
-            return
-        if reference.phase is Phase.DOUBLE or swings:
-            rate = 0.5 if reference.phase is Phase.DOUBLE else 1.0
-            h += rate * dt * self._settings.landing * surplus
-        self.heights[side] = min(max(h - dt / SETTLE_TIME * h, -REACH), REACH)
-
-    def _lie(self, side: Side, swings: bool, edges: np.ndarray) -> None:
-        """Let a sole lie as the IMU says it does, and a swinging one be level.
-
-        A sole that stands on an edge is turned the other way until it lies flat. While
-        the robot recovers from a push, soles stay as they are: an ankle that yields
-        cannot hold the body.
-        """
-        if not self._settings.imu:
-            return
-        k, dt = FOOT_INDEX[side], self._period
+    A sole that stands on its edge is turned the other way until it lies flat. While the
+    robot recovers from a push, soles stay as they are: an ankle that yields cannot hold
+    the body.
+    """
+    dt = rules.period
+    if not rules.imu or (state.recovers and not swings):
+        return
+    for i in range(2):
+        lean = state.leans[k, i]
         if swings:
-            self.leans[k] -= dt / RETURN_TIME * self.leans[k]
-            return
-        if self._recovers:
-            return
-        self.leans[k] += dt / LEAN_TIME * (self._up[k] - self.leans[k])
-        edge = np.clip(edges[k], -1.0, 1.0)
-        past = np.sign(edge) * np.maximum(np.abs(edge) - EDGE, 0.0) / (1.0 - EDGE)
-        self.leans[k] += dt * self._settings.rolling * past
+            state.leans[k, i] = lean - dt / RETURN_TIME * lean
+            continue
+        lean += dt / LEAN_TIME * (state.up[k, i] - lean)
+        edge = min(max(state.edges[k, i], -1.0), 1.0)
+        past = math.copysign(max(abs(edge) - EDGE, 0.0) / (1.0 - EDGE), edge)
+        state.leans[k, i] = lean + dt * rules.rolling * past
+
+
+@kernel
+def follow_ground(rules: Record, state: Record, law: Record, reference: Record) -> None:
+    """Move the commanded feet towards what was felt."""
+    state.recovers = math.hypot(law.e_c[0], law.e_c[1]) > RECOVERING
+    phase, swing = reference.phase, 1 - int(reference.support)
+    single = phase == _LEFT or phase == _RIGHT
+    surplus = state.left_share - planned_share(reference)
+    surplus -= min(max(surplus, -TOLERANCE), TOLERANCE)
+    for k in range(2):
+        swings = single and k == swing
+        _comply(rules, state, reference, k, swings, surplus if k == 0 else -surplus)
+        _align(rules, state, k, swings)
+    if single:
+        for i in range(3):
+            state.offsets[swing, i] *= 1.0 - rules.period / RETURN_TIME

@@ -12,111 +12,20 @@ import numpy as np
 
 from ..compiled import Record, kernel
 from ..control import (
-    RISE_TIME,
-    WEIGHING_TIME,
+    weigh_standing,
 )
 from ..embedding import Flat, place_links, site_point, site_rotation, turned
-from ..pattern import Phase, minimum_jerk
-from .foot_contact import CAUTION
-
-_STAND, _LEFT, _RIGHT = (
-    int(Phase.STAND),
-    int(Phase.SINGLE_LEFT),
-    int(Phase.SINGLE_RIGHT),
+from .foot_contact import (
+    ANKLE,
+    LEAST_LOAD,
+    SOLE,
+    change_support,
+    feel_edges,
+    feel_tilt,
+    foothold,
+    level_frame,
+    turned_back,
 )
-SOLE, ANKLE, IMU = 0, 2, 4
-"""First sites of a robot's records: both soles, both ankle sensors, the IMU."""
-_LEAST, _EDGE_LEAST = 0.05, 0.1  # shares of the weight that a ZMP, an edge needs
-
-
-@kernel
-def turned_back(R: Record, x: float, y: float, z: float) -> tuple[float, float, float]:
-    """Return R^T v."""
-    return (
-        R[0, 0] * x + R[1, 0] * y + R[2, 0] * z,
-        R[0, 1] * x + R[1, 1] * y + R[2, 1] * z,
-        R[0, 2] * x + R[1, 2] * y + R[2, 2] * z,
-    )
-
-
-@kernel
-def untilt(R: Record, x: float, y: float, out: Record) -> None:
-    """Write R T^T, with T the smallest rotation that takes (x, y, .) to the vertical.
-
-    See `footing.tilt_matrix`.
-    """
-    z = math.sqrt(max(1.0 - x * x - y * y, 0.0))
-    k = 1.0 / (1.0 + z)
-    a, b, d = 1.0 - k * x * x, -k * x * y, 1.0 - k * y * y
-    for i in range(3):
-        u, v, w = R[i, 0], R[i, 1], R[i, 2]
-        out[i, 0] = u * a + v * b - w * x
-        out[i, 1] = u * b + v * d - w * y
-        out[i, 2] = u * x + v * y + w * z
-
-
-@kernel
-def foothold(state: Record, reference: Record, k: int) -> tuple[float, float, float]:
-    """Return where sole k stands: x [m], y [m], yaw [rad]; `Footing.foothold`."""
-    foot, away = reference.feet[k], state.offsets[k]
-    x, y = foot.position[0], foot.position[1]
-    return x + away[0], y + away[1], foot.yaw + away[2]
-
-
-@kernel
-def _level(rules: Record, state: Record, k: int, out: Record) -> None:
-    """Write the level frame over sole k; `Footing.level`."""
-    if rules.imu:
-        untilt(state.soles[k], state.up[k, 0], state.up[k, 1], out)
-        return
-    for i in range(3):
-        for j in range(3):
-            out[i, j] = state.soles[k, i, j]
-
-
-@kernel
-def _feel(flat: Flat, rules: Record, state: Record, imu: np.ndarray) -> None:
-    """Find how both soles lie, by the IMU; `Footing.feel`."""
-    if not rules.imu:
-        return
-    w, x, y, z = imu[0], imu[1], imu[2], imu[3]
-    site_rotation(flat, IMU, state.sensor)
-    up = (2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y))
-    a, b, c = turned(state.sensor, up)
-    share = rules.imu_share * (CAUTION if state.recovers else 1.0)
-    for k in range(2):
-        seen = turned_back(state.soles[k], a, b, c)
-        state.up[k, 0] += share * (seen[0] - state.up[k, 0])
-        state.up[k, 1] += share * (seen[1] - state.up[k, 1])
-
-
-@kernel
-def _remainder(angle: float) -> float:
-    """Return an angle in [-pi, pi], as `math.remainder` does of a whole turn."""
-    return angle - math.tau * np.rint(angle / math.tau)
-
-
-@kernel
-def _change_support(
-    flat: Flat, rules: Record, state: Record, reference: Record, new: int
-) -> None:
-    """Find where the new supporting sole stands, seen from the old one."""
-    old, level = state.support, state.level
-    _level(rules, state, old, level)
-    _level(rules, state, new, state.other)
-    x, y, z = site_point(flat, SOLE + new)
-    u, v, w = site_point(flat, SOLE + old)
-    x, y, z = turned_back(level, x - u, y - v, z - w)
-    a, b, _ = turned_back(
-        level, state.other[0, 0], state.other[1, 0], state.other[2, 0]
-    )
-    p, q, yaw = foothold(state, reference, old)
-    c, s = math.cos(yaw), math.sin(yaw)
-    foot, away = reference.feet[new], state.offsets[new]
-    away[0] = p + c * x - s * y - foot.position[0]
-    away[1] = q + s * x + c * y - foot.position[1]
-    away[2] = _remainder(yaw + math.atan2(b, a) - foot.yaw)
-    state.support = new
 
 
 @kernel
@@ -157,40 +66,6 @@ def _ground_force(
 
 
 @kernel
-def _feel_edges(rules: Record, state: Record, k: int, wrench: Record) -> None:
-    """Find where on sole k the ground presses; `WholeBody._feel_edges`."""
-    f_x, f_y, f_z = turned(rules.sole_turn[k], wrench)
-    m_x, m_y, _ = turned(rules.sole_turn[k], wrench[3:])
-    f_z += rules.foot_weight[k]
-    edge, arm, half = state.edges[k], rules.sole_arm[k], rules.sole_half[k]
-    if f_z < _EDGE_LEAST * rules.weight:
-        edge[0] = edge[1] = 0.0
-        return
-    edge[0] = (arm[0] - (m_y + arm[2] * f_x) / f_z) / half[0]
-    edge[1] = (arm[1] + (m_x - arm[2] * f_y) / f_z) / half[1]
-
-
-@kernel
-def _weigh(rules: Record, state: Record, reference: Record) -> None:
-    """Learn what the standing robot weighs, and correct the CoM; `Weighing`."""
-    heading = reference.heading
-    c, s, lean = math.cos(heading), math.sin(heading), state.lean
-    state.trust = 1.0
-    if reference.phase == _STAND and reference.step == 0:
-        heaviness = state.load / rules.weight
-        if state.seen < rules.most and 0.5 < heaviness < 2.0:
-            state.seen += 1
-            a = 1.0 / state.seen
-            x, y = state.zmp[0] - state.com[0], state.zmp[1] - state.com[1]
-            state.heaviness += a * (heaviness - state.heaviness)
-            lean[0] += a * (c * x + s * y - lean[0])
-            lean[1] += a * (c * y - s * x - lean[1])
-        state.trust = minimum_jerk((reference.time - WEIGHING_TIME) / RISE_TIME)[0]
-    state.com[0] += c * lean[0] - s * lean[1]
-    state.com[1] += s * lean[0] + c * lean[1]
-
-
-@kernel
 def _find_com(flat: Flat, state: Record, origin: Record) -> None:
     """Find the CoM that the encoders tell, over the supporting sole."""
     x = y = z = 0.0
@@ -211,7 +86,7 @@ def _find_zmp(
     left, a, b = _ground_force(flat, rules, state, 0, wrenches[:6], origin)
     right, c, d = _ground_force(flat, rules, state, 1, wrenches[6:], origin)
     load = state.load = left + right
-    if load > _LEAST * rules.weight:
+    if load > LEAST_LOAD * rules.weight:
         state.left_share = min(max(left / load, 0.0), 1.0)
         state.zmp[0], state.zmp[1] = -(b + d) / load, (a + c) / load
 
@@ -240,19 +115,19 @@ def measure(
     place_links(flat.links, q)
     for k in range(2):
         site_rotation(flat, SOLE + k, state.soles[k])
-    _feel(flat, rules, state, felt[12:])
+    feel_tilt(flat, rules, state, felt[12:])
     support = int(reference.support)
     if support != state.support:
-        _change_support(flat, rules, state, reference, support)
-    _level(rules, state, support, state.level)
+        change_support(flat, rules, state, reference, support)
+    level_frame(rules, state, support, state.level)
     b[0], b[1], b[2] = site_point(flat, SOLE + support)
     b[3], b[4], yaw = foothold(state, reference, support)
     b[5], b[6] = math.cos(yaw), math.sin(yaw)
     _find_zmp(flat, rules, state, felt, b)
     for k in range(2):
-        _feel_edges(rules, state, k, felt[6 * k : 6 * k + 6])
+        feel_edges(rules, state, k, felt[6 * k : 6 * k + 6])
     _find_com(flat, state, b)
     state.trust = 1.0
     if rules.calibration:
-        _weigh(rules, state, reference)
+        weigh_standing(rules, state, reference)
     state.trunk_tilt = 2.0 * math.asin(min(1.0, math.hypot(felt[13], felt[14])))

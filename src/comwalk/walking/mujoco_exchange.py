@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import Record, kernel
+from ..control import LAW_STATE
 from ..embedding import LINK, place_links
 from ..handles import (
     floats_at,
@@ -25,9 +26,10 @@ from .records import (
 )
 from .tick import (
     AT_FELT,
-    AT_OUT,
+    AT_LAW_STATE,
     AT_REFERENCE,
     AT_SENSED,
+    AT_SET_POINTS,
     AT_STATE,
 )
 
@@ -72,7 +74,11 @@ class SceneArrays(NamedTuple):
     table: np.ndarray
     """Rows of the log, as bytes."""
     places: np.ndarray
-    """Length of a reference, then where its arrays begin in it, in the order of `PLACES`."""
+    """Length of a row, then where its arrays begin in it, by `PLACES`."""
+    rates: np.ndarray
+    """Joint rates as the robot senses them [rad/s]."""
+    inertial: np.ndarray
+    """Gyro [rad/s] and accelerometer [m/s^2] as it senses them, (6,)."""
 
 
 # Places of `SceneArrays` in their handle.
@@ -81,7 +87,7 @@ IN_ACT, IN_SENSORDATA, IN_CFRC_EXT = range(3, 6)
 IN_ACTUATOR_FORCE, IN_XFRC_APPLIED, IN_COM = range(6, 9)
 IN_LINKS, IN_ACTUATORS, IN_ANKLES = range(9, 12)
 IN_IMU, IN_FEET, IN_FELT = range(12, 15)
-IN_GROUND, IN_TABLE, IN_PLACES = range(15, 18)
+IN_GROUND, IN_TABLE, IN_PLACES, IN_RATES, IN_INERTIAL = range(15, 20)
 
 PLACES = (
     *("joints", "joint_rates", "joint_set_points", "qpos", "qvel", "ctrl"),
@@ -140,10 +146,16 @@ def sense(scene: np.ndarray, tick: np.ndarray, steps: int) -> None:
         taken[12 + k] = readings[imu[k]]
     for k in range(7, len(sensed)):
         sensed[k] = qpos[k]
+    rates, inertial = floats_at(scene, IN_RATES), floats_at(scene, IN_INERTIAL)
+    qvel = floats_at(scene, IN_QVEL)
+    for k in range(len(rates)):
+        rates[k] = qvel[6 + k]
+    for k in range(6):
+        inertial[k] = readings[imu[4 + k]]
 
 
 @kernel
-def _keep_state(kept: Record, state: Record, reference: Record) -> None:
+def _keep_state(kept: Record, state: Record, law: Record, reference: Record) -> None:
     """Write what the plan, the sensors and the law say into a row of the log."""
     kept.t, kept.phase, kept.step = (
         reference.time,
@@ -156,10 +168,10 @@ def _keep_state(kept: Record, state: Record, reference: Record) -> None:
         kept.feet_ref[1, i] = reference.feet[1].position[i]
     for i in range(2):
         kept.zmp[i], kept.zmp_ref[i] = state.zmp[i], reference.zmp[i]
-        kept.zmp_filtered[i] = state.zmp_filtered[i]
-        kept.zmp_ref_filtered[i] = state.zmp_reference[i]
-        kept.com_command[i], kept.u[i] = state.com_command[i], state.u[i]
-    kept.bounded = state.bounded != 0
+        kept.zmp_filtered[i] = law.zmp_filtered[i]
+        kept.zmp_ref_filtered[i] = law.zmp_reference[i]
+        kept.com_command[i], kept.u[i] = law.com_command[i], law.u[i]
+    kept.bounded = law.bounded != 0
     kept.left_load, kept.heading_ref = reference.left_load, reference.heading
     kept.load, kept.tilt = state.load, state.trunk_tilt
 
@@ -191,13 +203,13 @@ def _keep_truth(scene: np.ndarray, kept: Record) -> None:
 @kernel
 def _keep_sensors(scene: np.ndarray, taken: np.ndarray, kept: Record) -> None:
     """Write what the sensors read into a row."""
-    readings, imu = floats_at(scene, IN_SENSORDATA), records_at(scene, IN_IMU, _I8)
+    inertial = floats_at(scene, IN_INERTIAL)
     for k in range(12):
         kept.wrenches[k // 6, k % 6] = taken[k]
     for k in range(4):
         kept.imu_quat[k] = taken[12 + k]
     for k in range(3):
-        kept.imu_gyro[k], kept.imu_acc[k] = readings[imu[4 + k]], readings[imu[7 + k]]
+        kept.imu_gyro[k], kept.imu_acc[k] = inertial[k], inertial[3 + k]
 
 
 @kernel
@@ -213,14 +225,15 @@ def _keep(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None:
     places = records_at(scene, IN_PLACES, _I8)
     start = scene[2 * IN_TABLE] + k * places[0]
     kept, state = record_at(start, ROW)[0], records_at(tick, AT_STATE, STATE)[0]
-    _keep_state(kept, state, records_at(tick, AT_REFERENCE, REFERENCE)[0])
+    law = records_at(tick, AT_LAW_STATE, LAW_STATE)[0]
+    _keep_state(kept, state, law, records_at(tick, AT_REFERENCE, REFERENCE)[0])
     _keep_truth(scene, kept)
     _keep_sensors(scene, floats_at(tick, AT_FELT), kept)
     kept.compute_s = seconds
     qvel, force = floats_at(scene, IN_QVEL), floats_at(scene, IN_ACTUATOR_FORCE)
     _copy(floats_at(tick, AT_SENSED)[7:], start + places[1])
-    _copy(qvel[6:], start + places[2])
-    _copy(floats_at(tick, AT_OUT), start + places[3])
+    _copy(floats_at(scene, IN_RATES), start + places[2])
+    _copy(floats_at(tick, AT_SET_POINTS), start + places[3])
     _copy(floats_at(scene, IN_QPOS), start + places[4])
     _copy(qvel, start + places[5])
     _copy(floats_at(scene, IN_CTRL), start + places[6])
@@ -242,7 +255,7 @@ def command(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None
         seconds: How long the tick took [s].
     """
     ctrl, actuators = floats_at(scene, IN_CTRL), records_at(scene, IN_ACTUATORS, _I8)
-    out = floats_at(tick, AT_OUT)
+    out = floats_at(tick, AT_SET_POINTS)
     for j in range(len(out)):
         ctrl[actuators[j]] = out[j]
     _keep(scene, tick, k, seconds)

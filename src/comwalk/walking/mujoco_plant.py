@@ -136,6 +136,7 @@ class SimulatedRobot:
         # Sensors need a forward pass; on a copy, it leaves no trace in the run.
         mujoco.mj_copyData(self.probe, self.model, self.data)
         mujoco.mj_forward(self.model, self.probe)
+        self.data.sensordata[:] = self.probe.sensordata
         self._average([self.probe])
         self._readings.clear()
         return self._delayed(self._sense(self.probe))
@@ -180,6 +181,10 @@ class SimulatedRobot:
         filter gives: each new set-point makes them ring within it.
         """
         self._average(self._substeps())
+        return self.advance()
+
+    def advance(self) -> Sensors:
+        """Count a period that was simulated, and return the readings that arrive."""
         self._tick += 1
         return self._delayed(self._sense(self.data))
 

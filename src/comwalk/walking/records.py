@@ -7,23 +7,22 @@ a robot's servos and limits, `DANCE` an embedded motion, `ROW` what a log keeps.
 
 from __future__ import annotations
 
-import math
+from typing import NamedTuple
 
 import numpy as np
 
-from ..control import WEIGHING_TIME, WalkingController, Watch, low_pass_coefficient
-from ..embedding import EmbeddedMotion, records
-from ..sides import Side
-from .whole_body import (
-    WholeBody,
-    sole_sensor,
+from ..control import (
+    WEIGHING_TIME,
+    BodySettings,
+    low_pass_coefficient,
 )
+from ..embedding import EmbeddedMotion, records, rotate_twist
+from ..robot import Foot, Kinematics, Robot
+from ..sides import Side
 
 RULES = np.dtype(
     [
         ("period", "f8"),  # [s]
-        ("omega", "f8"),  # natural frequency of the pattern [rad/s]
-        ("height", "f8"),  # of its CoM [m]
         # The robot.
         ("mass", "f8"),
         ("gravity", "f8"),
@@ -43,17 +42,7 @@ RULES = np.dtype(
         ("most", "i8"),  # readings that the standing robot is weighed by
         ("embed", "i8"),
         ("compensate", "i8"),
-        # `WalkingController`.
-        ("walking", "f8", (2, 2)),  # k_p and k_c, in x and y [1/s]
-        ("standing", "f8", (2, 2)),
-        ("alpha", "f8"),
-        ("max_correction", "f8"),
-        ("max_offset", "f8"),
-        # `Watch`.
-        ("tilt", "f8"),
-        ("com_error", "f8"),
-        ("least_load", "f8"),
-        ("patience", "f8"),
+        ("solvable", "i8"),  # whether the kernels resolve this robot's tasks
     ],
     align=True,
 )
@@ -84,19 +73,6 @@ STATE = np.dtype(
         ("heaviness", "f8"),
         ("lean", "f8", 2),
         ("seen", "i8"),
-        # `WalkingController`.
-        ("past", "i8"),  # where the newest is in the ring of references
-        ("zmp_filtered", "f8", 2),
-        ("zmp_reference", "f8", 2),
-        ("offset", "f8", 2),
-        ("u", "f8", 2),
-        ("com_command", "f8", 2),
-        ("e_c", "f8", 2),
-        ("bounded", "i8"),
-        # The guard.
-        ("heaviest", "f8"),
-        ("lightened", "f8"),  # since when the load is missing [s]; nan if it is not
-        ("missed", "f8"),  # distance of the CoM from its reference [m]
     ],
     align=True,
 )
@@ -166,37 +142,29 @@ ROW = np.dtype(
 """Columns of a log that every robot has."""
 
 
-def rules_of(
-    body: WholeBody, controller: WalkingController, watch: Watch
-) -> np.ndarray:
-    """Return the settings of a loop as one record of `RULES`.
+def rules_of(robot: Robot, period: float, settings: BodySettings) -> np.ndarray:
+    """Return what a body is made with as one record of `RULES`.
 
     Args:
-        body: Robot, period and settings of the body.
-        controller: Gains and settings of the law.
-        watch: When a walk counts as a fall.
+        robot: The robot.
+        period: Control period [s].
+        settings: How the body follows its commands.
     """
-    rules, settings, law = records(RULES), body.settings, controller.settings
+    rules = records(RULES)
     r = rules[0]
-    r["period"] = body.period
-    _describe(r, body)
+    r["period"] = period
+    _describe(r, robot)
     for name in ("feedback", "imu", "landing", "rolling", "calibration"):
         r[name] = getattr(settings, name)
-    r["imu_share"] = 1.0 - math.exp(-math.tau * settings.imu_cutoff * body.period)
-    r["most"] = max(round(WEIGHING_TIME / body.period), 1)
+    r["imu_share"] = low_pass_coefficient(settings.imu_cutoff, period)
+    r["most"] = max(round(WEIGHING_TIME / period), 1)
     r["embed"] = settings.embed_motion
     r["compensate"] = settings.deflection_compensation
-    r["walking"], r["standing"] = controller.gains.walking, controller.gains.standing
-    r["alpha"] = low_pass_coefficient(law.zmp_cutoff, controller.period)
-    r["max_correction"], r["max_offset"] = law.max_correction, law.max_offset
-    for name in ("tilt", "com_error", "least_load", "patience"):
-        r[name] = getattr(watch, name)
     return rules
 
 
-def _describe(r: np.void, body: WholeBody) -> None:
+def _describe(r: np.void, robot: Robot) -> None:
     """Fill in what the robot is like."""
-    robot = body.robot
     r["mass"], r["gravity"] = robot.mass, robot.gravity
     r["weight"] = robot.mass * robot.gravity
     for k, side in enumerate(Side):
@@ -207,13 +175,13 @@ def _describe(r: np.void, body: WholeBody) -> None:
         r["sole_half"][k] = sensor.half_length, sensor.half_width
 
 
-def joints_of(body: WholeBody) -> np.ndarray:
+def joints_of(robot: Robot) -> np.ndarray:
     """Return the servos and limits of a robot as records of `JOINT`.
 
     Args:
-        body: Its robot is meant.
+        robot: The robot.
     """
-    robot, joints = body.robot, records(JOINT, len(body.robot.joints))
+    joints = records(JOINT, len(robot.joints))
     for name in ("lower", "upper", "speed"):
         joints[name] = getattr(robot, name)
     joints["stiffness"], joints["damping"] = robot.servo.stiffness, robot.servo.damping
@@ -244,3 +212,33 @@ def dance_of(
     moved = np.array([places[name] for name in motion.joints], dtype=np.int64)
     knots, cubics = motion.motion.spline
     return dance, moved, knots.copy(), cubics.ravel()
+
+
+class SoleSensor(NamedTuple):
+    """How an ankle sensor is over its sole."""
+
+    turn: np.ndarray
+    """Sensor axes to the sole's, for force and torque, (6, 6)."""
+    arm: tuple[float, float, float]
+    """Sensor from the sole's centre [m], sole's axes."""
+    half_length: float
+    """Half the length of the sole [m]."""
+    half_width: float
+    """Half the width of the sole [m]."""
+
+
+def sole_sensor(robot: Robot, foot: Foot) -> SoleSensor:
+    """Return how a foot's sensor is over its sole.
+
+    Args:
+        robot: The robot.
+        foot: One of its feet.
+    """
+    kinematics = Kinematics(robot, ())
+    kinematics.update(robot.home)
+    (sole, sensor), (R_sole, R_sensor) = kinematics.sites(
+        np.array([foot.site, foot.sensor_site])
+    )
+    x, y, z = ((sensor - sole) @ R_sole).tolist()
+    length, width = np.abs(foot.sole).max(axis=0).tolist()
+    return SoleSensor(rotate_twist(R_sole.T @ R_sensor), (x, y, z), length, width)

@@ -1,14 +1,14 @@
 """Many arrays of records as one argument of a kernel.
 
 A call of a compiled function from Python costs some 0.1 us per array, and a tick needs
-a dozen arrays that never move. A *handle* is one array with their addresses; the kernel
-makes arrays of them again, at no cost. Who makes a handle keeps its arrays alive.
-
-Only where numba is installed; see `compiled`.
+two dozen arrays that never move. A *handle* is one array with their addresses; the
+kernel makes arrays of them again, at no cost. Whoever makes a handle keeps its arrays
+alive.
 """
 
 from __future__ import annotations
 
+import ctypes
 from typing import Any
 
 import numba
@@ -17,6 +17,9 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 _FLOAT = np.dtype(np.float64)
+UNCOMPILED = bool(numba.config.DISABLE_JIT)
+"""Whether kernels run as plain Python, by the environment NUMBA_DISABLE_JIT=1."""
+
 # Put into the callers: compiled by themselves, there would be one for each number k.
 inlined = numba.njit(inline="always")
 
@@ -45,6 +48,24 @@ def _pointer(context: Any, address: Any) -> Any:
 
 
 @inlined
+def _array_at(address: int, count: int, dtype: Any) -> np.ndarray:
+    """Return the array at an address, no copy."""
+    return numba.carray(_pointer(address), (count,), dtype)  # ty: ignore[missing-argument]
+
+
+if UNCOMPILED:
+
+    def _array_at(address: int, count: int, dtype: np.dtype) -> np.ndarray:
+        """Return the array at an address, no copy; records by their fields' names."""
+        size = int(count) * dtype.itemsize
+        if not size:
+            return np.zeros(0, dtype)
+        memory = (ctypes.c_char * size).from_address(int(address))
+        array = np.frombuffer(memory, dtype)
+        return array.view(np.recarray) if dtype.names else array
+
+
+@inlined
 def records_at(handle: np.ndarray, k: int, dtype: Any) -> np.ndarray:
     """Return the k-th array of a handle.
 
@@ -56,8 +77,7 @@ def records_at(handle: np.ndarray, k: int, dtype: Any) -> np.ndarray:
     Returns:
         The array itself, no copy.
     """
-    address, count = handle[2 * k], handle[2 * k + 1]
-    return numba.carray(_pointer(address), (count,), dtype)  # ty: ignore[missing-argument]
+    return _array_at(handle[2 * k], handle[2 * k + 1], dtype)
 
 
 @inlined
@@ -69,4 +89,4 @@ def floats_at(handle: np.ndarray, k: int) -> np.ndarray:
 @inlined
 def record_at(address: int, dtype: Any) -> np.ndarray:
     """Return one record at an address, as an array of one."""
-    return numba.carray(_pointer(address), (1,), dtype)  # ty: ignore[missing-argument]
+    return _array_at(address, 1, dtype)

@@ -52,7 +52,7 @@ _LINK = (
 
 _LIMB = (
     ("own", "i8"),  # number of its own links, first in its chain
-    ("all", "i8"),  # number of links in its chain
+    ("chain_length", "i8"),  # number of links in its chain
     ("chain", "i8", LONGEST),  # its links, then those of others that carry its end
     ("site", "i8"),  # site of its end, -1 if none is marked
     ("rows", "i8"),  # bits of the end's twist that are given; 0 in joint space

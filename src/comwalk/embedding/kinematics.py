@@ -185,7 +185,7 @@ def _drift(flat: Flat, limb: Record, trunk: Record, s: Record) -> None:
     s[1], s[4] = twist[1] - (c * u - a * w), twist[4] - b
     s[2], s[5] = twist[2] - (a * v - b * u), twist[5] - c
     square = is_square(limb)
-    for n in range(limb.all):
+    for n in range(limb.chain_length):
         link = flat.links[limb.chain[n]]
         _end_column(link, x, y, z)
         if square and n < limb.own:

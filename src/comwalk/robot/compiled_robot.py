@@ -131,7 +131,7 @@ def _limbs(robot: Robot, parents: np.ndarray, links_of_sites: np.ndarray) -> np.
             link = int(parents[link])
         chain = [*own, *(k for k in path if k not in own)]
         if set(own) <= set(path) and len(chain) <= LONGEST:
-            limbs["own"][i], limbs["all"][i] = len(own), len(chain)
+            limbs["own"][i], limbs["chain_length"][i] = len(own), len(chain)
             limbs["chain"][i, : len(chain)] = chain
             limbs["site"][i] = site
         site += 1

@@ -177,7 +177,7 @@ def can_resolve(robot: Robot, flat: Flat) -> bool:
 
 def _hangs_free(limb: Limb, record: np.void, own: set[int]) -> bool:
     """Return whether a limb's end can be solved for once all given rates are known."""
-    carriers = record["chain"][record["own"] : record["all"]] - 1
+    carriers = record["chain"][record["own"] : record["chain_length"]] - 1
     enough = len(limb.joints) >= int(record["rows"]).bit_count()
     return bool(record["site"] >= 0 and enough and not own & {*carriers.tolist()})
 

@@ -221,7 +221,7 @@ def _push(flat: Flat, k: int, wrench: tuple, share: float, joints: np.ndarray) -
     f_x, f_y, f_z, m_x, m_y, m_z = wrench
     limb = flat.limbs[k]
     x, y, z = site_point(flat, limb.site)
-    for n in range(limb.all):
+    for n in range(limb.chain_length):
         link = flat.links[limb.chain[n]]
         a, p = link.a, link.p
         if link.kind == SLIDE:

@@ -26,13 +26,7 @@ from comwalk.certificates import walk_pattern
 from comwalk.control import WalkingController
 from comwalk.handles import handle_of
 from comwalk.run import prepare
-from comwalk.walking import (
-    CompiledTick,
-    feel_step,
-    row_type,
-    scene_arrays,
-    sense,
-)
+from comwalk.walking import CompiledTick, feel_step, row_type, scene_arrays, sense
 from comwalk.walking import command as command_plant
 
 PARTS = ("plan", "measure", "law", "act")

@@ -91,7 +91,7 @@ def _parts() -> dict[str, object]:
         "WalkingController": ("control", "control"),
         "SimulatedRobot": ("walking", "simulator"),
         "WholeBody": ("walking", "whole_body"),
-        "walk": ("walking", "walk"),
+        "walk": ("control", "walk"),
     }
     found = {}
     for name, modules in homes.items():
@@ -126,6 +126,8 @@ def record(folder: Path) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for robot in ROBOTS:
         for name, run in cases(robot):
+            if (folder / f"{robot}_{name}.npz").exists():
+                continue
             columns = run()
             np.savez(folder / f"{robot}_{name}.npz", **columns)
             rows = max(len(np.atleast_1d(c)) for c in columns.values())
@@ -133,14 +135,19 @@ def record(folder: Path) -> None:
 
 
 def _difference(one: np.ndarray, two: np.ndarray) -> float:
-    """Return the largest difference of two columns; infinite if shapes differ."""
+    """Return the largest difference of two columns; infinite if shapes differ.
+
+    It is absolute up to a magnitude of 1, and relative to the largest value beyond:
+    forces are in newtons, of which a robot weighs hundreds.
+    """
     if one.shape != two.shape:
         return np.inf
     if one.dtype.kind in "US":
         return 0.0 if np.array_equal(one, two) else np.inf
     one, two = one.astype(float), two.astype(float)
     same = (one == two) | (np.isnan(one) & np.isnan(two))
-    return float(np.abs(np.where(same, 0.0, one - two)).max(initial=0.0))
+    scale = max(1.0, float(np.nanmax(np.abs(one), initial=0.0)))
+    return float(np.abs(np.where(same, 0.0, one - two)).max(initial=0.0)) / scale
 
 
 def compare(before: Path, after: Path) -> int:

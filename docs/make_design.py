@@ -19,11 +19,7 @@ from comwalk.certificates import sampled_loop_of
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-from comwalk.bench import (
-    Case,
-    perform,
-    pushes,
-)
+from comwalk.bench import Case, perform, pushes
 from comwalk.certificates import (
     DesignGoal,
     default_gait,

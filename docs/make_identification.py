@@ -35,22 +35,10 @@ from comwalk.certificates.identification import (
     measured_margin,
 )
 from comwalk.config import IdentifyConfig
-from comwalk.control import (
-    Control,
-    ControlOutput,
-    Gains,
-    Push,
-    SimulatorSettings,
-)
-from comwalk.robot import (
-    Robot,
-    load_robot,
-)
+from comwalk.control import Control, ControlOutput, Gains, Push, SimulatorSettings
+from comwalk.robot import Robot, load_robot
 from comwalk.run import simulate
-from comwalk.setup import (
-    IdentifySetup,
-    build_identify,
-)
+from comwalk.setup import IdentifySetup, build_identify
 from comwalk.views import plot_identified
 
 ROBOTS = ("paper", "talos", "g1")

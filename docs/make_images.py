@@ -15,24 +15,10 @@ from comwalk.views import choose_backend
 choose_backend()  # before anything imports mujoco
 
 from comwalk.cli import draw_figures
-from comwalk.config import (
-    CertifyConfig,
-    DanceConfig,
-    Given,
-    WalkConfig,
-)
+from comwalk.config import CertifyConfig, DanceConfig, Given, WalkConfig
 from comwalk.pattern import Gait
-from comwalk.setup import (
-    build_certificate,
-    build_dance,
-    build_walk,
-)
-from comwalk.views import (
-    View,
-    plot_gain_plane,
-    render_run,
-    still,
-)
+from comwalk.setup import build_certificate, build_dance, build_walk
+from comwalk.views import View, plot_gain_plane, render_run, still
 
 FILM = View(width=480, height=432, shadows=True, smooth=2, distance=1.6)
 """Camera of the animations."""

@@ -25,10 +25,7 @@ from latex2mathml.converter import convert  # noqa: E402
 
 from comwalk.cli import main as comwalk
 from comwalk.errors import ComwalkError
-from comwalk.robot.loaders import (
-    ROBOTS,
-    read_model,
-)
+from comwalk.robot.loaders import ROBOTS, read_model
 
 ROOT = Path(__file__).parent.parent
 SOURCE = ROOT / "src" / "comwalk"

@@ -6,11 +6,7 @@
 import numpy as np
 
 import comwalk as cw
-from comwalk.certificates import (
-    is_hurwitz,
-    proof_condition,
-    worst_case,
-)
+from comwalk.certificates import is_hurwitz, proof_condition, worst_case
 from comwalk.control import random_bounded
 
 pendulum = cw.Pendulum(height=0.687)

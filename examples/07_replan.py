@@ -6,10 +6,7 @@
 import sys
 
 import comwalk as cw
-from comwalk.certificates import (
-    default_control,
-    sole_size,
-)
+from comwalk.certificates import default_control, sole_size
 from comwalk.control import WalkingController, walk
 from comwalk.pattern import OnlinePattern
 from comwalk.walking import SimulatedRobot, WholeBody

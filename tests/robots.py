@@ -8,16 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from comwalk.embedding.task import (
-    CartesianMotion,
-    JointMotion,
-    Task,
-)
-from comwalk.robot.model import (
-    Kinematics,
-    Robot,
-    load_robot,
-)
+from comwalk.embedding.task import CartesianMotion, JointMotion, Task
+from comwalk.robot.model import Kinematics, Robot, load_robot
 
 
 @cache

@@ -27,28 +27,11 @@ from comwalk.config import (
 from comwalk.control.law import Gains
 from comwalk.control.settings import Control
 from comwalk.embedding.motion import prepare_motion
-from comwalk.errors import (
-    ComwalkError,
-    MotionError,
-    ParameterError,
-    PlanError,
-)
-from comwalk.pattern.footsteps import (
-    Foothold,
-    FootstepPlan,
-    Gait,
-)
+from comwalk.errors import ComwalkError, MotionError, ParameterError, PlanError
+from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.walk_pattern import (
-    Phase,
-    make_pattern,
-)
-from comwalk.setup import (
-    build_dance,
-    build_walk,
-    is_motion_file,
-    robot_dance,
-)
+from comwalk.pattern.walk_pattern import Phase, make_pattern
+from comwalk.setup import build_dance, build_walk, is_motion_file, robot_dance
 from comwalk.sides import Side
 from comwalk.walking.whole_body import WholeBody
 

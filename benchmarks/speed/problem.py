@@ -21,19 +21,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from comwalk.embedding import (
-    CartesianMotion,
-    JointMotion,
-    Resolver,
-    Task,
-    sigma_min,
-)
-from comwalk.robot import (
-    LEGS,
-    Kinematics,
-    Robot,
-    load_robot,
-)
+from comwalk.embedding import CartesianMotion, JointMotion, Resolver, Task, sigma_min
+from comwalk.robot import LEGS, Kinematics, Robot, load_robot
 from comwalk.sides import Side
 
 ROBOTS = ("jvrc1", "talos", "g1")

@@ -32,24 +32,9 @@ from typing import (
 
 from .certificates import SampledLoop
 from .certificates.identification import Experiment
-from .control import (
-    BodySettings,
-    ControlSettings,
-    Gains,
-    Push,
-    SimulatorSettings,
-)
-from .errors import (
-    ComwalkError,
-    ParameterError,
-    checked_number,
-    nearest,
-)
-from .pattern import (
-    Gait,
-    Pendulum,
-    checked_count,
-)
+from .control import BodySettings, ControlSettings, Gains, Push, SimulatorSettings
+from .errors import ComwalkError, ParameterError, checked_number, nearest
+from .pattern import Gait, Pendulum, checked_count
 
 if TYPE_CHECKING:
     pass

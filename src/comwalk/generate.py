@@ -18,23 +18,10 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .certificates import (
-    default_gait,
-    default_pendulum,
-    sole_size,
-)
+from .certificates import default_gait, default_pendulum, sole_size
 from .control import BodySettings, ControlOutput
-from .embedding import (
-    BUILTIN_MOTIONS,
-    EmbeddedMotion,
-    embed_in,
-    fitted,
-)
-from .errors import (
-    ParameterError,
-    PlanError,
-    checked_number,
-)
+from .embedding import BUILTIN_MOTIONS, EmbeddedMotion, embed_in, fitted
+from .errors import ParameterError, PlanError, checked_number
 from .pattern import (
     Foothold,
     FootstepPlan,

@@ -34,21 +34,10 @@ from .control import (
     walk,
 )
 from .embedding import EmbeddedMotion
-from .errors import (
-    ParameterError,
-    PlanError,
-    RunError,
-)
+from .errors import ParameterError, PlanError, RunError
 from .pattern import Pattern
 from .robot import Robot
-from .runs import (
-    MCAP_NAME,
-    Log,
-    Recorder,
-    RunData,
-    save_columns,
-    save_mcap,
-)
+from .runs import MCAP_NAME, Log, Recorder, RunData, save_columns, save_mcap
 from .views import load_recording
 from .walking import MujocoLink, SimulatedRobot, WholeBody, WholeBodyTicker
 
@@ -72,10 +61,7 @@ class Run(RunData):
         Raises:
             RunError: If the picture cannot be written.
         """
-        from .views import (
-            plot_dance,
-            plot_run,
-        )
+        from .views import plot_dance, plot_run
 
         return (
             plot_run(self, path) if self.pattern.plan.steps else plot_dance(self, path)

@@ -12,15 +12,9 @@ import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import (
-    TYPE_CHECKING,
-    Any,
-)
+from typing import TYPE_CHECKING, Any
 
-from .certificates import (
-    check_control,
-    sampled_loop_of,
-)
+from .certificates import check_control, sampled_loop_of
 from .certificates.identification import standing_pattern
 from .config import (
     CertifyConfig,
@@ -52,10 +46,7 @@ from .embedding import (
     renamed,
     scaled,
 )
-from .errors import (
-    MotionError,
-    ParameterError,
-)
+from .errors import MotionError, ParameterError
 from .pattern import (
     Foothold,
     FootstepPlan,
@@ -68,11 +59,7 @@ from .pattern import (
 )
 
 if TYPE_CHECKING:
-    from .certificates import (
-        Aim,
-        Certificate,
-        DesignGoal,
-    )
+    from .certificates import Aim, Certificate, DesignGoal
     from .robot import Robot
     from .run import Run
     from .walking import WholeBody
@@ -127,10 +114,7 @@ class Setup:
         Raises:
             ComwalkError: If gains or plan cannot be walked.
         """
-        from .run import (
-            simulate,
-            simulate_pendulum,
-        )
+        from .run import simulate, simulate_pendulum
 
         if self.robot is None:
             return simulate_pendulum(
@@ -295,10 +279,7 @@ def build_dance(config: DanceConfig) -> Setup:
     Raises:
         ComwalkError: If they do not exist, or do not go together.
     """
-    from .certificates import (
-        default_gait,
-        sole_size,
-    )
+    from .certificates import default_gait, sole_size
 
     robot = _load(config)
     duration = config.duration
@@ -346,10 +327,7 @@ def build_identify(config: IdentifyConfig) -> IdentifySetup:
     Raises:
         ComwalkError: If they do not exist, or do not go together.
     """
-    from .certificates import (
-        default_gait,
-        sole_size,
-    )
+    from .certificates import default_gait, sole_size
     from .walking import SimulatedRobot, WholeBody
 
     robot = _load(config)
@@ -411,10 +389,7 @@ def _setup(config: RobotConfig, robot: Robot, pattern: Pattern) -> Setup:
 
 def _plan(config: WalkConfig, robot: Robot) -> FootstepPlan:
     """Return the footsteps, from the file or regular ones."""
-    from .certificates import (
-        default_gait,
-        sole_size,
-    )
+    from .certificates import default_gait, sole_size
 
     size = sole_size(robot)
     if config.plan is not None:

@@ -42,10 +42,7 @@ from comwalk.bench.trials import (
 )
 from comwalk.cli import bench as bench_commands
 from comwalk.cli.app import main
-from comwalk.errors import (
-    ParameterError,
-    RunError,
-)
+from comwalk.errors import ParameterError, RunError
 
 CASES = tuple(Case(name=f"case {k}", steps=k + 1) for k in range(12))
 JOBS = jobs_of(["a", "b"], CASES)

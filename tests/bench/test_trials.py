@@ -31,20 +31,10 @@ from comwalk.bench.trials import (
     stop_and_go,
 )
 from comwalk.certificates.defaults import default_gait
-from comwalk.errors import (
-    ParameterError,
-    PlanError,
-)
-from comwalk.pattern.footsteps import (
-    Gait,
-    foot_poses,
-    plan_steps,
-)
+from comwalk.errors import ParameterError, PlanError
+from comwalk.pattern.footsteps import Gait, foot_poses, plan_steps
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.walk_pattern import (
-    Phase,
-    make_pattern,
-)
+from comwalk.pattern.walk_pattern import Phase, make_pattern
 from comwalk.walking.mujoco_plant import SimulatedRobot
 
 SHORT = Case(name="short", steps=2)

@@ -26,25 +26,13 @@ from comwalk.certificates.defaults import (
     walk_pattern,
 )
 from comwalk.certificates.gain_check import check_control
-from comwalk.certificates.sampled_loop import (
-    SampledLoop,
-    highest_cutoff,
-)
-from comwalk.control.law import (
-    ControlSettings,
-    Gains,
-)
+from comwalk.certificates.sampled_loop import SampledLoop, highest_cutoff
+from comwalk.control.law import ControlSettings, Gains
 from comwalk.control.settings import Control
-from comwalk.errors import (
-    ParameterError,
-    PlanError,
-)
+from comwalk.errors import ParameterError, PlanError
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.robot.model import (
-    Robot,
-    load_robot,
-)
+from comwalk.robot.model import Robot, load_robot
 
 
 def scaled_file(folder: Path, scale: float) -> Path:

@@ -17,14 +17,8 @@ from comwalk.certificates.plan_check import (
     feasibility,
     nearest_plans,
 )
-from comwalk.embedding.motion import (
-    Motion,
-    embed_in,
-)
-from comwalk.errors import (
-    ModelError,
-    PlanError,
-)
+from comwalk.embedding.motion import Motion, embed_in
+from comwalk.errors import ModelError, PlanError
 from comwalk.pattern.footsteps import (
     Gait,
     excerpt,
@@ -36,10 +30,7 @@ from comwalk.pattern.footsteps import (
 )
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.walk_pattern import make_pattern
-from comwalk.robot.self_collision import (
-    CLEARANCE,
-    SelfCollision,
-)
+from comwalk.robot.self_collision import CLEARANCE, SelfCollision
 from comwalk.run import simulate
 from comwalk.sides import Side
 

@@ -27,10 +27,7 @@ from comwalk.certificates.identification.frequency_response import (
     fit_responses,
     onset,
 )
-from comwalk.certificates.identification.identification import (
-    Identified,
-    identify,
-)
+from comwalk.certificates.identification.identification import Identified, identify
 from comwalk.certificates.identification.loop_fit import (
     equivalent_loop,
     measured_margin,
@@ -40,15 +37,8 @@ from comwalk.certificates.stability_margins import margins
 from comwalk.cli.app import main
 from comwalk.config import IdentifyConfig
 from comwalk.control.loop import PointBody
-from comwalk.control.plant import (
-    Command,
-    PendulumPlant,
-    Sensors,
-)
-from comwalk.errors import (
-    ParameterError,
-    RunError,
-)
+from comwalk.control.plant import Command, PendulumPlant, Sensors
+from comwalk.errors import ParameterError, RunError
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.setup import build_identify
 

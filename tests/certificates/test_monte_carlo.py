@@ -9,29 +9,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comwalk.certificates.ensemble import errors_under, monte_carlo, random_disturbance
-from comwalk.certificates.ideal_loop import (
-    simulate_error_dynamics,
-    worst_case,
-)
-from comwalk.certificates.sampled_bounds import (
-    sampled_weights,
-    sampled_worst_case,
-)
+from comwalk.certificates.ideal_loop import simulate_error_dynamics, worst_case
+from comwalk.certificates.sampled_bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.sampled_loop import SampledLoop
-from comwalk.control.law import (
-    ControlSettings,
-    Gains,
-    WalkingController,
-)
-from comwalk.control.plant import (
-    Command,
-    PendulumPlant,
-)
+from comwalk.control.law import ControlSettings, Gains, WalkingController
+from comwalk.control.plant import Command, PendulumPlant
 from comwalk.errors import ParameterError
-from comwalk.pattern.pendulum import (
-    PAPER_PENDULUM,
-    Pendulum,
-)
+from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum
 
 K_P, K_C = (3.0, 1.8), (6.6, 3.8)
 NOISE = {"a": 0.05, "b": 0.5}

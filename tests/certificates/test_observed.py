@@ -9,31 +9,16 @@ import numpy as np
 import pytest
 
 from comwalk.certificates.gain_check import sampled_loop_of
-from comwalk.certificates.ideal_loop import (
-    simulate_error_dynamics,
-    worst_case,
-)
-from comwalk.certificates.sampled_bounds import (
-    sampled_weights,
-    sampled_worst_case,
-)
+from comwalk.certificates.ideal_loop import simulate_error_dynamics, worst_case
+from comwalk.certificates.sampled_bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.sampled_loop import SampledLoop
 from comwalk.certificates.validation import observe
 from comwalk.cli.app import main
-from comwalk.control.law import (
-    ControlSettings,
-    Gains,
-)
-from comwalk.control.plant import (
-    random_bounded,
-    sampled_disturbance,
-)
+from comwalk.control.law import ControlSettings, Gains
+from comwalk.control.plant import random_bounded, sampled_disturbance
 from comwalk.control.settings import Control
 from comwalk.errors import RunError
-from comwalk.pattern.footsteps import (
-    Foothold,
-    FootstepPlan,
-)
+from comwalk.pattern.footsteps import Foothold, FootstepPlan
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.run import simulate_pendulum

@@ -10,11 +10,7 @@ import pytest
 from comwalk.certificates import sampled_bounds as b
 from comwalk.certificates.ideal_loop import worst_disturbance
 from comwalk.certificates.sampled_loop import SampledLoop
-from comwalk.control.law import (
-    ControlSettings,
-    Gains,
-    WalkingController,
-)
+from comwalk.control.law import ControlSettings, Gains, WalkingController
 from comwalk.control.plant import (
     Command,
     PendulumPlant,

@@ -13,10 +13,7 @@ from PIL import Image
 
 from comwalk.cli.live import LiveWalk
 from comwalk.cli.live_page import open_live_page
-from comwalk.config import (
-    Given,
-    WalkConfig,
-)
+from comwalk.config import Given, WalkConfig
 from comwalk.pattern.footsteps import Gait
 from comwalk.setup import build_walk
 from comwalk.views.recording import recording_of

@@ -9,12 +9,8 @@ import mujoco
 import numpy as np
 import pytest
 
-from comwalk.cli import (
-    app as cli,
-)
-from comwalk.cli import (
-    walk as commands,
-)
+from comwalk.cli import app as cli
+from comwalk.cli import walk as commands
 from comwalk.cli.app import main
 from comwalk.errors import ModelError
 from comwalk.runs.columns import Log

@@ -10,19 +10,10 @@ from PIL import Image
 
 from comwalk.cli import figures
 from comwalk.errors import RunError
-from comwalk.pattern.footsteps import (
-    Gait,
-    plan_steps,
-)
+from comwalk.pattern.footsteps import Gait, plan_steps
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.walk_pattern import (
-    make_pattern,
-    transfer_zmp,
-)
-from comwalk.setup import (
-    build_dance,
-    build_walk,
-)
+from comwalk.pattern.walk_pattern import make_pattern, transfer_zmp
+from comwalk.setup import build_dance, build_walk
 
 
 @pytest.fixture(scope="module")

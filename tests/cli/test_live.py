@@ -9,20 +9,11 @@ from threading import Thread
 import numpy as np
 import pytest
 
-from comwalk.cli.live import (
-    LiveWalk,
-    Pacer,
-)
-from comwalk.config import (
-    Given,
-    WalkConfig,
-)
+from comwalk.cli.live import LiveWalk, Pacer
+from comwalk.config import Given, WalkConfig
 from comwalk.control.guard import End
 from comwalk.control.law import Gains
-from comwalk.errors import (
-    ParameterError,
-    PlanError,
-)
+from comwalk.errors import ParameterError, PlanError
 from comwalk.pattern.footsteps import Gait
 from comwalk.run import replay
 from comwalk.setup import build_walk

@@ -9,10 +9,7 @@ import numpy as np
 import pytest
 from models import urdf, write
 
-from comwalk.certificates.description import (
-    describe,
-    rows_of,
-)
+from comwalk.certificates.description import describe, rows_of
 from comwalk.cli.app import main
 from comwalk.robot.loaders.sources import read_model
 from comwalk.robot.model import load_robot

@@ -7,14 +7,8 @@ import webbrowser
 
 import pytest
 
-from comwalk.cli.app import (
-    BAD_INPUT,
-    main,
-)
-from comwalk.pattern.footsteps import (
-    Gait,
-    plan_steps,
-)
+from comwalk.cli.app import BAD_INPUT, main
+from comwalk.pattern.footsteps import Gait, plan_steps
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.model import load_robot

@@ -10,20 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comwalk.certificates import gain_check
-from comwalk.certificates import (
-    ideal_loop as stability,
-)
-from comwalk.certificates import (
-    sampled_loop as sampled,
-)
+from comwalk.certificates import ideal_loop as stability
+from comwalk.certificates import sampled_loop as sampled
 from comwalk.certificates.sampled_loop import SampledLoop
 from comwalk.control import law as control
-from comwalk.control.law import (
-    PAPER_GAINS,
-    ControlOutput,
-    ControlSettings,
-    Gains,
-)
+from comwalk.control.law import PAPER_GAINS, ControlOutput, ControlSettings, Gains
 from comwalk.errors import ParameterError
 from comwalk.pattern.pendulum import Pendulum
 

@@ -10,12 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from comwalk.control.sensing import (
-    Contact,
-    ground_load,
-    tilt_of,
-    zmp_from_wrenches,
-)
+from comwalk.control.sensing import Contact, ground_load, tilt_of, zmp_from_wrenches
 from comwalk.embedding.rotations import rotation_yaw
 
 examples = settings(max_examples=60)

@@ -10,10 +10,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from comwalk.embedding.dances import (
-    BUILTIN_MOTIONS,
-    builtin_motion,
-)
+from comwalk.embedding.dances import BUILTIN_MOTIONS, builtin_motion
 from comwalk.embedding.motion import (
     EmbeddedMotion,
     JointLimit,
@@ -25,14 +22,8 @@ from comwalk.embedding.motion import (
     scaled,
     select,
 )
-from comwalk.embedding.motion_files import (
-    load_motion,
-    save_motion,
-)
-from comwalk.errors import (
-    MotionError,
-    ParameterError,
-)
+from comwalk.embedding.motion_files import load_motion, save_motion
+from comwalk.errors import MotionError, ParameterError
 
 ARMS = ("l_shoulder_pitch", "l_elbow_pitch", "head_yaw")
 

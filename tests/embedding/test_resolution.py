@@ -6,16 +6,8 @@ import numpy as np
 import pytest
 from robots import jvrc, paper, posture_of, random_configuration, random_task
 
-from comwalk.embedding.rotations import (
-    rotation_log,
-    rotation_yaw,
-    shift,
-    skew,
-)
-from comwalk.embedding.solver import (
-    RateLimits,
-    Resolver,
-)
+from comwalk.embedding.rotations import rotation_log, rotation_yaw, shift, skew
+from comwalk.embedding.solver import RateLimits, Resolver
 from comwalk.embedding.task import (
     CartesianMotion,
     Damping,
@@ -28,10 +20,7 @@ from comwalk.embedding.task import (
     resolve_by_elimination,
     sigma_min,
 )
-from comwalk.errors import (
-    ModelError,
-    ParameterError,
-)
+from comwalk.errors import ModelError, ParameterError
 from comwalk.robot.model import Kinematics
 
 ROBOTS = {"paper": paper, "jvrc1": jvrc}

@@ -15,47 +15,17 @@ from importlib import resources
 import numpy as np
 import pinocchio as pin
 import pytest
-from robots import (
-    bare_urdf,
-    jvrc,
-    jvrc_path,
-    paper,
-    random_configuration,
-    random_task,
-)
+from robots import bare_urdf, jvrc, jvrc_path, paper, random_configuration, random_task
 
-from comwalk.control.sensing import (
-    Contact,
-    zmp_from_wrenches,
-)
-from comwalk.embedding.rotations import (
-    rotate_twist,
-    rotation_log,
-    shift,
-)
+from comwalk.control.sensing import Contact, zmp_from_wrenches
+from comwalk.embedding.rotations import rotate_twist, rotation_log, shift
 from comwalk.embedding.solver import Resolver
-from comwalk.embedding.task import (
-    CartesianMotion,
-    Damping,
-    JointMotion,
-)
-from comwalk.pattern.footsteps import (
-    Gait,
-    plan_steps,
-)
+from comwalk.embedding.task import CartesianMotion, Damping, JointMotion
+from comwalk.pattern.footsteps import Gait, plan_steps
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.walk_pattern import (
-    Phase,
-    make_pattern,
-)
-from comwalk.robot.model import (
-    Kinematics,
-    Robot,
-)
-from comwalk.run import (
-    Run,
-    simulate,
-)
+from comwalk.pattern.walk_pattern import Phase, make_pattern
+from comwalk.robot.model import Kinematics, Robot
+from comwalk.run import Run, simulate
 
 ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 

@@ -15,25 +15,15 @@ import pytest
 from robots import jvrc, paper, posture_of, random_configuration, random_task
 
 import comwalk
-from comwalk.certificates.ideal_loop import (
-    error_dynamics,
-    zmp_error_from_com,
-)
+from comwalk.certificates.ideal_loop import error_dynamics, zmp_error_from_com
 from comwalk.control.law import (
     PAPER_GAINS,
     ControlSettings,
     WalkingController,
     walking_control,
 )
-from comwalk.control.plant import (
-    PAPER_MASS,
-    Command,
-    PendulumPlant,
-)
-from comwalk.embedding.rotations import (
-    shift,
-    skew,
-)
+from comwalk.control.plant import PAPER_MASS, Command, PendulumPlant
+from comwalk.embedding.rotations import shift, skew
 from comwalk.embedding.task import (
     CartesianMotion,
     JointMotion,
@@ -42,19 +32,9 @@ from comwalk.embedding.task import (
     motion_of,
     resolve_by_elimination,
 )
-from comwalk.pattern.footsteps import (
-    PAPER_GAIT,
-    plan_steps,
-)
-from comwalk.pattern.pendulum import (
-    PAPER_PENDULUM,
-    zmp_of_motion,
-)
-from comwalk.pattern.walk_pattern import (
-    Phase,
-    make_pattern,
-    transfer_zmp,
-)
+from comwalk.pattern.footsteps import PAPER_GAIT, plan_steps
+from comwalk.pattern.pendulum import PAPER_PENDULUM, zmp_of_motion
+from comwalk.pattern.walk_pattern import Phase, make_pattern, transfer_zmp
 from comwalk.robot.model import Kinematics
 
 ROOT = Path(__file__).parents[2]

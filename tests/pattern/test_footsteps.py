@@ -9,10 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from comwalk.errors import (
-    ParameterError,
-    PlanError,
-)
+from comwalk.errors import ParameterError, PlanError
 from comwalk.pattern.footsteps import (
     MAX_TOE,
     PAPER_GAIT,
@@ -26,11 +23,7 @@ from comwalk.pattern.footsteps import (
     plan_steps,
     shortest_turn,
 )
-from comwalk.pattern.polygon import (
-    convex_hull,
-    polygon_margin,
-    rectangle,
-)
+from comwalk.pattern.polygon import convex_hull, polygon_margin, rectangle
 from comwalk.sides import Side
 
 LEFT, RIGHT = Foothold(0.0, 0.09), Foothold(0.0, -0.09)

@@ -8,12 +8,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comwalk.pattern import (
-    records as rows,
-)
-from comwalk.pattern import (
-    reference as lookup,
-)
+from comwalk.pattern import records as rows
+from comwalk.pattern import reference as lookup
 from comwalk.pattern.footsteps import (
     Foothold,
     Footstep,
@@ -22,20 +18,10 @@ from comwalk.pattern.footsteps import (
     plan_segments,
     plan_steps,
 )
-from comwalk.pattern.pendulum import (
-    PAPER_PENDULUM,
-    Pendulum,
-)
-from comwalk.pattern.reference import (
-    fill_reference,
-    reference_of,
-)
+from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum
+from comwalk.pattern.reference import fill_reference, reference_of
 from comwalk.pattern.swing import FootMotion
-from comwalk.pattern.walk_pattern import (
-    Pattern,
-    Reference,
-    make_pattern,
-)
+from comwalk.pattern.walk_pattern import Pattern, Reference, make_pattern
 from comwalk.sides import Side
 
 

@@ -11,10 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import quad, solve_bvp, solve_ivp
 
-from comwalk.errors import (
-    ParameterError,
-    PlanError,
-)
+from comwalk.errors import ParameterError, PlanError
 from comwalk.pattern.footsteps import (
     PAPER_GAIT,
     Foothold,
@@ -26,11 +23,7 @@ from comwalk.pattern.footsteps import (
     plan_steps,
     shortest_turn,
 )
-from comwalk.pattern.pendulum import (
-    PAPER_PENDULUM,
-    Pendulum,
-    state_matrices,
-)
+from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum, state_matrices
 from comwalk.pattern.polygon import polygon_margin
 from comwalk.pattern.walk_pattern import (
     Phase,

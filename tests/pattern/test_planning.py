@@ -18,10 +18,7 @@ from comwalk.pattern.footsteps import (
     plan_segments,
     plan_steps,
 )
-from comwalk.pattern.pendulum import (
-    PAPER_PENDULUM,
-    Pendulum,
-)
+from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum
 from comwalk.pattern.phases import plan_table
 from comwalk.pattern.reference import fill_reference
 from comwalk.pattern.walk_pattern import make_pattern

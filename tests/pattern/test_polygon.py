@@ -9,12 +9,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 from scipy.spatial import ConvexHull
 
-from comwalk.pattern.polygon import (
-    convex_hull,
-    polygon_margin,
-    rectangle,
-    rectangle_in,
-)
+from comwalk.pattern.polygon import convex_hull, polygon_margin, rectangle, rectangle_in
 
 COORDINATES = st.floats(-1.0, 1.0).map(lambda x: round(x, 3))
 POINTS = st.tuples(COORDINATES, COORDINATES)

@@ -10,22 +10,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.linalg import expm
 
-from comwalk.certificates.defaults import (
-    default_control,
-    sole_size,
-)
+from comwalk.certificates.defaults import default_control, sole_size
 from comwalk.control.law import WalkingController
 from comwalk.control.loop import walk
-from comwalk.errors import (
-    ParameterError,
-    PlanError,
-)
-from comwalk.pattern import (
-    online as replanning,
-)
-from comwalk.pattern import (
-    records as rows,
-)
+from comwalk.errors import ParameterError, PlanError
+from comwalk.pattern import online as replanning
+from comwalk.pattern import records as rows
 from comwalk.pattern.footsteps import (
     PAPER_GAIT,
     Foothold,
@@ -34,16 +24,9 @@ from comwalk.pattern.footsteps import (
     plan_steps,
 )
 from comwalk.pattern.online import OnlinePattern
-from comwalk.pattern.pendulum import (
-    PAPER_PENDULUM,
-    state_matrices,
-)
+from comwalk.pattern.pendulum import PAPER_PENDULUM, state_matrices
 from comwalk.pattern.reference import fill_reference
-from comwalk.pattern.walk_pattern import (
-    START_SPEED,
-    Phase,
-    make_pattern,
-)
+from comwalk.pattern.walk_pattern import START_SPEED, Phase, make_pattern
 from comwalk.robot.model import load_robot
 from comwalk.sides import Side
 from comwalk.walking.mujoco_plant import SimulatedRobot

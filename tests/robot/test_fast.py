@@ -7,31 +7,15 @@ import pytest
 from models import write
 from robots import jvrc, paper, random_configuration
 
-from comwalk.embedding.kinematics import (
-    SINGULAR,
-    SOLVED,
-    resolve_at,
-)
+from comwalk.embedding.kinematics import SINGULAR, SOLVED, resolve_at
 from comwalk.embedding.solver import Resolver
-from comwalk.embedding.task import (
-    ALL_ROWS,
-    CartesianMotion,
-    Damping,
-    motion_of,
-)
+from comwalk.embedding.task import ALL_ROWS, CartesianMotion, Damping, motion_of
 from comwalk.errors import ModelError
 from comwalk.handles import handle_of
 from comwalk.robot.compiled_robot import flatten
-from comwalk.robot.compiled_solver import (
-    FastResolver,
-    can_resolve,
-)
+from comwalk.robot.compiled_solver import FastResolver, can_resolve
 from comwalk.robot.loaders.sources import ROBOTS
-from comwalk.robot.model import (
-    Kinematics,
-    Robot,
-    load_robot,
-)
+from comwalk.robot.model import Kinematics, Robot, load_robot
 
 LEGS = {"left_leg": ALL_ROWS, "right_leg": ALL_ROWS}
 HANDS = LEGS | {"left_arm": ALL_ROWS, "right_arm": ALL_ROWS}

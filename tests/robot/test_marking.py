@@ -13,17 +13,11 @@ from models import LEG, urdf, write
 from comwalk.certificates.defaults import walk_pattern
 from comwalk.control.settings import SimulatorSettings
 from comwalk.robot.loaders.sources import read_model
-from comwalk.robot.model import (
-    Kinematics,
-    load_robot,
-)
+from comwalk.robot.model import Kinematics, load_robot
 from comwalk.robot.servos import LEG_STIFFNESS
 from comwalk.run import simulate
 from comwalk.sides import Side
-from comwalk.walking.mujoco_plant import (
-    SimulatedRobot,
-    build_scene,
-)
+from comwalk.walking.mujoco_plant import SimulatedRobot, build_scene
 from comwalk.walking.whole_body import WholeBody
 
 

@@ -12,23 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from comwalk.errors import ModelError
-from comwalk.robot.loaders.mesh_files import (
-    find_mesh,
-    package_folders,
-)
-from comwalk.robot.loaders.meshes import (
-    add_meshes,
-    compile_without_bad_meshes,
-)
-from comwalk.robot.loaders.parts import (
-    first_of,
-    quaternion_of,
-)
-from comwalk.robot.loaders.sources import (
-    LinkMesh,
-    mesh_vertices,
-    read_model,
-)
+from comwalk.robot.loaders.mesh_files import find_mesh, package_folders
+from comwalk.robot.loaders.meshes import add_meshes, compile_without_bad_meshes
+from comwalk.robot.loaders.parts import first_of, quaternion_of
+from comwalk.robot.loaders.sources import LinkMesh, mesh_vertices, read_model
 
 CORNERS = np.array([[0, 0, 0], [1, 0, 0], [0, 2, 0], [0, 0, 3]], dtype=float)
 FACES = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])

@@ -16,11 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comwalk.errors import ModelError
-from comwalk.robot.loaders.sources import (
-    ROBOTS,
-    ModelFile,
-    read_model,
-)
+from comwalk.robot.loaders.sources import ROBOTS, ModelFile, read_model
 
 URDFS = [name for name in ROBOTS if name not in ("paper", "mjlab_g1")]
 

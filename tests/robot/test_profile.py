@@ -16,16 +16,8 @@ from models import LEG, write
 from robots import paper
 
 from comwalk.certificates.description import profile_of
-from comwalk.errors import (
-    ComwalkError,
-    ModelError,
-    ParameterError,
-    RunError,
-)
-from comwalk.robot.model import (
-    Kinematics,
-    load_robot,
-)
+from comwalk.errors import ComwalkError, ModelError, ParameterError, RunError
+from comwalk.robot.model import Kinematics, load_robot
 from comwalk.robot.profile import (
     Limits,
     Profile,

@@ -10,10 +10,7 @@ import pinocchio
 import pytest
 
 from comwalk.robot.model import load_robot
-from comwalk.robot.urdf_export import (
-    link_names,
-    robot_urdf,
-)
+from comwalk.robot.urdf_export import link_names, robot_urdf
 
 ANCHORED = """
 <mujoco><worldbody><body name="base"><freejoint/><geom size=".1"/>

@@ -26,22 +26,9 @@ import comwalk as cw
 from comwalk.errors import RunError
 from comwalk.robot.urdf_export import robot_urdf
 from comwalk.run import Run
-from comwalk.runs.mcap_file import (
-    Block,
-    End,
-    McapWriter,
-    read_mcap,
-)
-from comwalk.runs.mcap_log import (
-    CHUNK_TIME,
-    MCAP_NAME,
-    save_mcap,
-)
-from comwalk.runs.run_log import (
-    inspect,
-    repair,
-    tables,
-)
+from comwalk.runs.mcap_file import Block, End, McapWriter, read_mcap
+from comwalk.runs.mcap_log import CHUNK_TIME, MCAP_NAME, save_mcap
+from comwalk.runs.run_log import inspect, repair, tables
 
 TOPICS = {
     *("/joint_states", "/joint_commands", "/tf", "/tf_static", "/robot_description"),

@@ -10,25 +10,13 @@ import numpy as np
 import pytest
 
 from comwalk.errors import RunError
-from comwalk.pattern.footsteps import (
-    Gait,
-    plan_steps,
-)
+from comwalk.pattern.footsteps import Gait, plan_steps
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.walk_pattern import (
-    Phase,
-    make_pattern,
-)
+from comwalk.pattern.walk_pattern import Phase, make_pattern
 from comwalk.robot.model import load_robot
-from comwalk.run import (
-    simulate,
-    simulate_pendulum,
-)
+from comwalk.run import simulate, simulate_pendulum
 from comwalk.runs.columns import save_columns
-from comwalk.views.recording import (
-    recording_of,
-    smoothed,
-)
+from comwalk.views.recording import recording_of, smoothed
 
 
 @pytest.fixture(scope="module")

@@ -11,37 +11,16 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from comwalk.errors import (
-    ComwalkError,
-    ParameterError,
-    RunError,
-)
-from comwalk.pattern.footsteps import (
-    Gait,
-    plan_steps,
-)
+from comwalk.errors import ComwalkError, ParameterError, RunError
+from comwalk.pattern.footsteps import Gait, plan_steps
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.walk_pattern import (
-    Phase,
-    make_pattern,
-)
+from comwalk.pattern.walk_pattern import Phase, make_pattern
 from comwalk.robot.model import load_robot
-from comwalk.run import (
-    simulate,
-    simulate_pendulum,
-)
+from comwalk.run import simulate, simulate_pendulum
 from comwalk.runs.columns import save_columns
 from comwalk.sides import Side
-from comwalk.views import (
-    gl,
-    render,
-)
-from comwalk.views.render import (
-    View,
-    render_run,
-    render_still,
-    still,
-)
+from comwalk.views import gl, render
+from comwalk.views.render import View, render_run, render_still, still
 
 SMALL = View(width=96, height=96)
 

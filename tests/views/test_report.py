@@ -15,17 +15,11 @@ import pytest
 from PIL import Image
 
 from comwalk.cli.app import main
-from comwalk.pattern.footsteps import (
-    Gait,
-    plan_steps,
-)
+from comwalk.pattern.footsteps import Gait, plan_steps
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.run import simulate_pendulum
-from comwalk.runs.run_data import (
-    Record,
-    record_of,
-)
+from comwalk.runs.run_data import Record, record_of
 from comwalk.views import video
 from comwalk.views.charts import (
     Chart,
@@ -35,19 +29,9 @@ from comwalk.views.charts import (
     nice_ticks,
     on_times,
 )
-from comwalk.views.page import (
-    notebook_html,
-    page_html,
-)
-from comwalk.views.render import (
-    View,
-    render_run,
-)
-from comwalk.views.tables import (
-    changed_settings,
-    figure_table,
-    flat_settings,
-)
+from comwalk.views.page import notebook_html, page_html
+from comwalk.views.render import View, render_run
+from comwalk.views.tables import changed_settings, figure_table, flat_settings
 
 CHROMIUM = Path("/usr/bin/chromium")
 SHORT = ["--steps", "1", "--gait.period", "0.8"]

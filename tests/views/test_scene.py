@@ -9,23 +9,14 @@ import pytest
 import zstandard
 
 from comwalk.errors import ParameterError
-from comwalk.pattern.footsteps import (
-    Gait,
-    plan_steps,
-)
+from comwalk.pattern.footsteps import Gait, plan_steps
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.model import load_robot
 from comwalk.run import simulate
 from comwalk.sides import Side
-from comwalk.views.recording import (
-    recording_of,
-    sole_box,
-)
-from comwalk.views.scene import (
-    scene_film,
-    scene_page,
-)
+from comwalk.views.recording import recording_of, sole_box
+from comwalk.views.scene import scene_film, scene_page
 
 
 @pytest.fixture(scope="module")

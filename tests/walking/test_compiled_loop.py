@@ -7,29 +7,14 @@ import pytest
 from robots import paper
 
 from comwalk.control.guard import End, Watch
-from comwalk.control.settings import (
-    BodySettings,
-    Control,
-    Push,
-    SimulatorSettings,
-)
-from comwalk.pattern.footsteps import (
-    Gait,
-    plan_steps,
-)
+from comwalk.control.settings import BodySettings, Control, Push, SimulatorSettings
+from comwalk.pattern.footsteps import Gait, plan_steps
 from comwalk.pattern.pendulum import PAPER_PENDULUM
 from comwalk.pattern.walk_pattern import make_pattern
-from comwalk.run import (
-    Run,
-    simulate,
-)
+from comwalk.run import Run, simulate
 from comwalk.runs.columns import Log
-from comwalk.walking import (
-    mujoco_exchange as plant_kernels,
-)
-from comwalk.walking import (
-    tick as tick_kernels,
-)
+from comwalk.walking import mujoco_exchange as plant_kernels
+from comwalk.walking import tick as tick_kernels
 from comwalk.walking.mujoco_exchange import SceneArrays
 from comwalk.walking.mujoco_link import row_type
 from comwalk.walking.mujoco_plant import SimulatedRobot

@@ -13,34 +13,16 @@ from hypothesis import strategies as st
 from robots import jvrc, paper, random_configuration
 from scipy.spatial.transform import Rotation
 
-from comwalk.certificates.defaults import (
-    default_control,
-    walk_pattern,
-)
+from comwalk.certificates.defaults import default_control, walk_pattern
 from comwalk.control.plant import Sensors
-from comwalk.control.settings import (
-    BodySettings,
-    SimulatorSettings,
-)
-from comwalk.pattern.footsteps import (
-    Gait,
-    plan_steps,
-)
+from comwalk.control.settings import BodySettings, SimulatorSettings
+from comwalk.pattern.footsteps import Gait, plan_steps
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.walk_pattern import (
-    Phase,
-    Reference,
-    make_pattern,
-)
+from comwalk.pattern.walk_pattern import Phase, Reference, make_pattern
 from comwalk.robot.model import Kinematics
 from comwalk.run import simulate
 from comwalk.sides import Side
-from comwalk.walking.foot_contact import (
-    FOOT_INDEX,
-    Footing,
-    planned_share,
-    tilt_matrix,
-)
+from comwalk.walking.foot_contact import FOOT_INDEX, Footing, planned_share, tilt_matrix
 from comwalk.walking.whole_body import WholeBody
 
 PERIOD = 0.002

@@ -11,15 +11,8 @@ import numpy as np
 import pytest
 from robots import jvrc, paper
 
-from comwalk.certificates.defaults import (
-    default_pendulum,
-    sway_inertia,
-)
-from comwalk.pattern.pendulum import (
-    PAPER_PENDULUM,
-    Pendulum,
-    zmp_of_motion,
-)
+from comwalk.certificates.defaults import default_pendulum, sway_inertia
+from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum, zmp_of_motion
 from comwalk.robot.model import Robot
 from comwalk.sides import Side
 

@@ -6,16 +6,8 @@ import numpy as np
 import pytest
 
 from comwalk.errors import PlanError
-from comwalk.pattern.footsteps import (
-    Gait,
-    foot_poses,
-    plan_steps,
-)
-from comwalk.walking.terrain import (
-    CELL,
-    LEAST_SHARE,
-    random_terrain,
-)
+from comwalk.pattern.footsteps import Gait, foot_poses, plan_steps
+from comwalk.walking.terrain import CELL, LEAST_SHARE, random_terrain
 
 WALK = plan_steps(Gait(), 20)
 TURN = plan_steps(Gait(half_step=0.0, turn=0.3), 20)

@@ -11,53 +11,22 @@ from models import write
 from robots import jvrc, paper
 from test_fast import robot_of
 
-from comwalk.certificates.defaults import (
-    default_control,
-    walk_pattern,
-)
+from comwalk.certificates.defaults import default_control, walk_pattern
 from comwalk.control.guard import Watch
-from comwalk.control.law import (
-    ControlSettings,
-    Gains,
-    WalkingController,
-)
+from comwalk.control.law import ControlSettings, Gains, WalkingController
 from comwalk.control.plant import Sensors
-from comwalk.control.settings import (
-    BodySettings,
-    Control,
-    Push,
-    SimulatorSettings,
-)
+from comwalk.control.settings import BodySettings, Control, Push, SimulatorSettings
 from comwalk.embedding.dances import builtin_motion
-from comwalk.embedding.motion import (
-    EmbeddedMotion,
-    embed_in,
-    placed,
-    renamed,
-)
+from comwalk.embedding.motion import EmbeddedMotion, embed_in, placed, renamed
 from comwalk.embedding.rotations import level_error as readable_level_error
 from comwalk.embedding.rotations import rotation_yaw
-from comwalk.pattern.footsteps import (
-    Gait,
-    plan_steps,
-)
+from comwalk.pattern.footsteps import Gait, plan_steps
 from comwalk.pattern.pendulum import PAPER_PENDULUM
-from comwalk.pattern.walk_pattern import (
-    Pattern,
-    make_pattern,
-)
-from comwalk.robot.model import (
-    Robot,
-    load_robot,
-)
+from comwalk.pattern.walk_pattern import Pattern, make_pattern
+from comwalk.robot.model import Robot, load_robot
 from comwalk.walking.action import level_error
 from comwalk.walking.mujoco_plant import SimulatedRobot
-from comwalk.walking.tick import (
-    DONE,
-    ENCODERS,
-    ORIENTATION,
-    WRENCHES,
-)
+from comwalk.walking.tick import DONE, ENCODERS, ORIENTATION, WRENCHES
 from comwalk.walking.whole_body import CompiledTick, WholeBody
 
 

@@ -11,50 +11,18 @@ import pytest
 from robots import paper
 
 from comwalk.control.guard import End
-from comwalk.control.law import (
-    ControlOutput,
-    Gains,
-    WalkingController,
-)
+from comwalk.control.law import ControlOutput, Gains, WalkingController
 from comwalk.control.loop import walk
-from comwalk.control.plant import (
-    Sensors,
-    random_bounded,
-)
-from comwalk.control.settings import (
-    BodySettings,
-    Control,
-    Push,
-    SimulatorSettings,
-)
+from comwalk.control.plant import Sensors, random_bounded
+from comwalk.control.settings import BodySettings, Control, Push, SimulatorSettings
 from comwalk.embedding.dances import builtin_motion
-from comwalk.embedding.motion import (
-    embed_in,
-    prepare_motion,
-)
-from comwalk.errors import (
-    ModelError,
-    ParameterError,
-    PlanError,
-    RunError,
-)
-from comwalk.pattern.footsteps import (
-    Foothold,
-    FootstepPlan,
-    Gait,
-    plan_steps,
-)
+from comwalk.embedding.motion import embed_in, prepare_motion
+from comwalk.errors import ModelError, ParameterError, PlanError, RunError
+from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait, plan_steps
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.walk_pattern import (
-    Phase,
-    make_pattern,
-)
+from comwalk.pattern.walk_pattern import Phase, make_pattern
 from comwalk.robot.model import load_robot
-from comwalk.run import (
-    replay,
-    simulate,
-    simulate_pendulum,
-)
+from comwalk.run import replay, simulate, simulate_pendulum
 from comwalk.runs.summary import sole_margins
 from comwalk.walking.whole_body import WholeBody
 

@@ -19,19 +19,10 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from ..errors import (
-    ParameterError,
-    RunError,
-)
+from ..errors import ParameterError, RunError
 from ..run import plain
 from ..runs import versions
-from .trials import (
-    DEFAULT,
-    OPEN_LOOP,
-    Ablation,
-    Case,
-    perform,
-)
+from .trials import DEFAULT, OPEN_LOOP, Ablation, Case, perform
 
 _SHOWN = ("bench", "cli", "views")  # packages that change no result
 

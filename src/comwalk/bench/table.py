@@ -7,24 +7,11 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from ..errors import (
-    ComwalkError,
-    RunError,
-)
+from ..errors import ComwalkError, RunError
 from ..robot import load_robot
 from ..walking import build_scene
-from .ledger import (
-    Job,
-    Result,
-)
-from .trials import (
-    DEFAULT,
-    DISTURBED,
-    PUSH_WAYS,
-    WALKS,
-    Case,
-    prepare,
-)
+from .ledger import Job, Result
+from .trials import DEFAULT, DISTURBED, PUSH_WAYS, WALKS, Case, prepare
 
 
 @dataclass(frozen=True, eq=False)
@@ -447,10 +434,7 @@ def draw_robot(robot: str, path: Path) -> None:
         ComwalkError: If it does not load, the file cannot be written, or this machine
             cannot draw.
     """
-    from ..views import (
-        View,
-        render_still,
-    )
+    from ..views import View, render_still
 
     setup = prepare(robot, dataclasses.replace(WALKS[0], steps=6))
     seen = build_scene(load_robot(robot, geometry=True), setup.physics)

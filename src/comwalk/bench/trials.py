@@ -16,21 +16,10 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ..certificates import (
-    SIDE_STEP,
-    default_gait,
-)
-from ..config import (
-    DanceConfig,
-    WalkConfig,
-    make_config,
-)
+from ..certificates import SIDE_STEP, default_gait
+from ..config import DanceConfig, WalkConfig, make_config
 from ..control import End, Push
-from ..errors import (
-    ComwalkError,
-    ParameterError,
-    PlanError,
-)
+from ..errors import ComwalkError, ParameterError, PlanError
 from ..pattern import (
     PAPER_GAIT,
     Gait,
@@ -40,19 +29,9 @@ from ..pattern import (
     make_pattern,
     plan_segments,
 )
-from ..robot import (
-    Robot,
-    load_robot,
-)
-from ..run import (
-    Run,
-    plain,
-)
-from ..setup import (
-    Setup,
-    build_dance,
-    build_walk,
-)
+from ..robot import Robot, load_robot
+from ..run import Run, plain
+from ..setup import Setup, build_dance, build_walk
 from ..sides import Side
 
 Keys = Mapping[str, Any]

@@ -14,16 +14,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import (
-    ParameterError,
-    checked_number,
-)
+from ..errors import ParameterError, checked_number
 from ..pattern import Pendulum
-from .ideal_loop import (
-    error_dynamics,
-    is_hurwitz,
-    proof_condition,
-)
+from .ideal_loop import error_dynamics, is_hurwitz, proof_condition
 
 
 class PaperBound(NamedTuple):

@@ -13,21 +13,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
-from ..control import (
-    Gains,
-    Pair,
-)
-from ..errors import (
-    ParameterError,
-    checked_number,
-)
+from ..control import Gains, Pair
+from ..errors import ParameterError, checked_number
 from ..pattern import Pendulum
-from .bounds import (
-    PaperBound,
-    ellipsoid_bound,
-    invariant_set,
-    paper_bound,
-)
+from .bounds import PaperBound, ellipsoid_bound, invariant_set, paper_bound
 from .gain_check import check_gains
 from .ideal_loop import (
     Output,
@@ -42,22 +31,9 @@ from .ideal_loop import (
     worst_case,
     zmp_peak_gain,
 )
-from .sampled_bounds import (
-    SampledWorstCase,
-    sampled_weights,
-    sampled_worst_case,
-)
-from .sampled_loop import (
-    SampledLoop,
-    highest_cutoff,
-    spectral_radius,
-)
-from .stability_margins import (
-    Margins,
-    decay_rate,
-    largest_zmp_gain,
-    margins,
-)
+from .sampled_bounds import SampledWorstCase, sampled_weights, sampled_worst_case
+from .sampled_loop import SampledLoop, highest_cutoff, spectral_radius
+from .stability_margins import Margins, decay_rate, largest_zmp_gain, margins
 
 
 class SoleRoom(NamedTuple):

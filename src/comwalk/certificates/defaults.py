@@ -16,25 +16,9 @@ from typing import Any
 
 import numpy as np
 
-from ..control import (
-    PAPER_GAINS,
-    Control,
-    ControlSettings,
-    Gains,
-)
-from ..embedding import (
-    CartesianMotion,
-    JointMotion,
-    Posture,
-    Resolver,
-    Task,
-)
-from ..errors import (
-    ComwalkError,
-    ParameterError,
-    PlanError,
-    checked_number,
-)
+from ..control import PAPER_GAINS, Control, ControlSettings, Gains
+from ..embedding import CartesianMotion, JointMotion, Posture, Resolver, Task
+from ..errors import ComwalkError, ParameterError, PlanError, checked_number
 from ..pattern import (
     PAPER_GAIT,
     PAPER_PENDULUM,
@@ -44,25 +28,13 @@ from ..pattern import (
     make_pattern,
     plan_steps,
 )
-from ..robot import (
-    LEGS,
-    Kinematics,
-    Robot,
-)
+from ..robot import LEGS, Kinematics, Robot
 from ..sides import Side
 from .certificate import SoleRoom
 from .gain_check import sampled_loop_of
-from .gain_design import (
-    Design,
-    DesignGoal,
-    design,
-    rounded,
-)
+from .gain_design import Design, DesignGoal, design, rounded
 from .plan_check import feasibility
-from .sampled_loop import (
-    SampledLoop,
-    highest_cutoff,
-)
+from .sampled_loop import SampledLoop, highest_cutoff
 
 SIDE_STEP = 0.05
 """Natural shift of the body per step sideways, for the paper's robot [m]."""

@@ -21,10 +21,7 @@ from ..robot import (
 )
 from ..robot.loaders import first_of
 from ..sides import Side
-from .defaults import (
-    default_gait,
-    default_pendulum,
-)
+from .defaults import default_gait, default_pendulum
 
 
 def profile_of(robot: Robot) -> Profile:

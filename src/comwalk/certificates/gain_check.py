@@ -7,11 +7,7 @@ import math
 from ..control import Control, Gains
 from ..errors import ParameterError
 from ..pattern import Pendulum
-from .sampled_loop import (
-    SampledLoop,
-    highest_cutoff,
-    spectral_radius,
-)
+from .sampled_loop import SampledLoop, highest_cutoff, spectral_radius
 
 
 def check_gains(gains: Gains, pendulum: Pendulum, loop: SampledLoop) -> None:

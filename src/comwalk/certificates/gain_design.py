@@ -17,28 +17,12 @@ from typing import Literal, NamedTuple, TypeAlias, get_args
 import numpy as np
 
 from ..control import Gains
-from ..errors import (
-    ParameterError,
-    checked_number,
-    nearest,
-)
+from ..errors import ParameterError, checked_number, nearest
 from ..pattern import Pendulum
-from .ideal_loop import (
-    damping,
-    design_gains,
-)
-from .sampled_bounds import (
-    sampled_weights,
-    sampled_worst_case,
-)
-from .sampled_loop import (
-    SampledLoop,
-    highest_cutoff,
-)
-from .stability_margins import (
-    gain_limit,
-    zmp_sensitivity,
-)
+from .ideal_loop import damping, design_gains
+from .sampled_bounds import sampled_weights, sampled_worst_case
+from .sampled_loop import SampledLoop, highest_cutoff
+from .stability_margins import gain_limit, zmp_sensitivity
 
 Aim: TypeAlias = Literal["gait", "disturbance", "poles"]
 """What is made best: the ZMP of the gait, the disturbance that is guaranteed to be

@@ -23,10 +23,7 @@ from typing import Literal, NamedTuple, TypeAlias
 import numpy as np
 
 from ..control import Value
-from ..errors import (
-    ParameterError,
-    checked_number,
-)
+from ..errors import ParameterError, checked_number
 from ..pattern import Pendulum
 
 Output: TypeAlias = Literal["com", "zmp"]

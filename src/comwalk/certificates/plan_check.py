@@ -31,14 +31,7 @@ from ..pattern import (
     slowed,
     without_repeats,
 )
-from ..robot import (
-    CLEARANCE,
-    LEGS,
-    InverseDynamics,
-    Kinematics,
-    Robot,
-    SelfCollision,
-)
+from ..robot import CLEARANCE, LEGS, InverseDynamics, Kinematics, Robot, SelfCollision
 from ..walking import WholeBody
 from .reach import leg_reaches
 

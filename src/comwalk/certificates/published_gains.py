@@ -10,10 +10,7 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-from ..pattern import (
-    PAPER_PENDULUM,
-    Pendulum,
-)
+from ..pattern import PAPER_PENDULUM, Pendulum
 
 _WALKING_CONTROLLERS = "robotology/walking-controllers, app/robots"
 _FRJOCO = "CheolMin-Yoon/FrJoCo, python/DCM_v2/config.py"

@@ -6,15 +6,8 @@ import numpy as np
 
 from ..embedding import rotation_yaw
 from ..errors import ModelError
-from ..pattern import (
-    Pattern,
-    Phase,
-)
-from ..robot import (
-    LEGS,
-    Kinematics,
-    Robot,
-)
+from ..pattern import Pattern, Phase
+from ..robot import LEGS, Kinematics, Robot
 from ..sides import Side
 
 REACH_SHARE = 0.99

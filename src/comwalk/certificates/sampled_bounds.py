@@ -16,10 +16,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import (
-    ParameterError,
-    checked_number,
-)
+from ..errors import ParameterError, checked_number
 from ..pattern import Pendulum
 from .ideal_loop import worst_disturbance
 from .sampled_loop import (

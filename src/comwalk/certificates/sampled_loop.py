@@ -16,14 +16,8 @@ from typing import NamedTuple, TypeAlias
 
 import numpy as np
 
-from ..control import (
-    low_pass_coefficient,
-    servo_response,
-)
-from ..errors import (
-    ParameterError,
-    checked_number,
-)
+from ..control import low_pass_coefficient, servo_response
+from ..errors import ParameterError, checked_number
 from ..pattern import Pendulum
 
 

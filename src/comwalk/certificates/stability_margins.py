@@ -14,18 +14,9 @@ from typing import Any, TypeAlias
 import numpy as np
 
 from ..control import low_pass_coefficient
-from ..errors import (
-    ParameterError,
-    checked_number,
-)
+from ..errors import ParameterError, checked_number
 from ..pattern import Pendulum
-from .sampled_loop import (
-    SampledLoop,
-    crossings,
-    on_circle,
-    open_loop,
-    spectral_radius,
-)
+from .sampled_loop import SampledLoop, crossings, on_circle, open_loop, spectral_radius
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -35,21 +35,12 @@ from ..control import (
     low_pass_coefficient,
     servo_response,
 )
-from ..errors import (
-    ParameterError,
-    RunError,
-)
+from ..errors import ParameterError, RunError
 from ..pattern import Pendulum
-from ..runs import (
-    read_columns,
-    read_summary,
-)
+from ..runs import read_columns, read_summary
 from .gain_check import sampled_loop_of
 from .ideal_loop import worst_case
-from .sampled_bounds import (
-    sampled_weights,
-    sampled_worst_case,
-)
+from .sampled_bounds import sampled_weights, sampled_worst_case
 from .sampled_loop import SampledLoop
 
 BANDWIDTH = 10.0

@@ -31,11 +31,7 @@ from ..bench import (
     tables_of_findings,
     write_report,
 )
-from ..errors import (
-    ParameterError,
-    RunError,
-    nearest,
-)
+from ..errors import ParameterError, RunError, nearest
 from ..pattern import checked_count
 from ..robot.loaders import ROBOTS
 from ..run import prepare_folder

@@ -9,10 +9,7 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from ..certificates import Certificate
-from ..config import (
-    CertifyConfig,
-    make_config,
-)
+from ..config import CertifyConfig, make_config
 from ..errors import ParameterError
 from ..setup import build_certificate
 from .certificate_table import (
@@ -21,11 +18,7 @@ from .certificate_table import (
     numbers_of_certificate,
     sections_of_certificate,
 )
-from .options import (
-    flags_of,
-    given_flags,
-    with_flags,
-)
+from .options import flags_of, given_flags, with_flags
 
 _Flags = flags_of(CertifyConfig, ("robot",))
 
@@ -73,11 +66,7 @@ def certify(
 
 def _compare(run: Path, given: dict[str, Any], config: Path | None) -> int:
     """Compare a walk with its bounds; return the exit code."""
-    from ..certificates import (
-        lines_of_observed,
-        numbers_of_observed,
-        observe_run,
-    )
+    from ..certificates import lines_of_observed, numbers_of_observed, observe_run
 
     others = [name for name in given if name != "json"]
     if others or config is not None:

@@ -10,33 +10,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from ..config import (
-    DanceConfig,
-    WalkConfig,
-)
+from ..config import DanceConfig, WalkConfig
 from ..errors import RunError
-from ..pattern import (
-    PAPER_GAIT,
-    Pattern,
-    Phase,
-    transfer_zmp,
-)
-from ..run import (
-    Run,
-    prepare_folder,
-)
-from ..setup import (
-    Setup,
-    build_dance,
-    build_walk,
-)
-from ..views import (
-    Row,
-    plot_arms,
-    plot_dance,
-    plot_pattern,
-    plot_run,
-)
+from ..pattern import PAPER_GAIT, Pattern, Phase, transfer_zmp
+from ..run import Run, prepare_folder
+from ..setup import Setup, build_dance, build_walk
+from ..views import Row, plot_arms, plot_dance, plot_pattern, plot_run
 
 PAPER_OMEGA = 3.78
 """The natural frequency that the paper states, omega_n [rad/s]."""

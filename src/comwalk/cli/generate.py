@@ -11,10 +11,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from ..errors import RunError
-from ..generate import (
-    Dataset,
-    Ranges,
-)
+from ..generate import Dataset, Ranges
 from ..generate import generate as generated
 from ..robot import load_robot
 from ..run import prepare_folder

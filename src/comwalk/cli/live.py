@@ -18,26 +18,11 @@ from queue import Empty, SimpleQueue
 from typing import Any
 
 from ..certificates import check_control, check_feasible
-from ..control import (
-    End,
-    Gains,
-    Outcome,
-    Tick,
-    WalkingController,
-    completed,
-    walk,
-)
+from ..control import End, Gains, Outcome, Tick, WalkingController, completed, walk
 from ..errors import ParameterError
-from ..pattern import (
-    Pattern,
-    Reference,
-)
+from ..pattern import Pattern, Reference
 from ..robot import Robot
-from ..run import (
-    Prepared,
-    Run,
-    prepare,
-)
+from ..run import Prepared, Run, prepare
 from ..setup import Setup
 from ..views import Moment
 

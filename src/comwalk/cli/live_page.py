@@ -15,29 +15,13 @@ import mujoco
 import numpy as np
 
 from ..certificates import certify, sampled_loop_of, sole_room
-from ..config import (
-    Given,
-    WalkConfig,
-)
+from ..config import Given, WalkConfig
 from ..control import Gains
 from ..errors import ComwalkError
 from ..pattern import Gait
-from ..setup import (
-    Setup,
-    build_walk,
-    regular_gait,
-)
-from ..views import (
-    FRAMES,
-    Display,
-    address_of,
-    open_page,
-    status_of,
-)
-from .live import (
-    LiveView,
-    LiveWalk,
-)
+from ..setup import Setup, build_walk, regular_gait
+from ..views import FRAMES, Display, address_of, open_page, status_of
+from .live import LiveView, LiveWalk
 
 if TYPE_CHECKING:
     import viser

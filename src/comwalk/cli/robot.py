@@ -10,11 +10,7 @@ from cyclopts import Parameter
 from rich.console import Console
 from rich.table import Table
 
-from ..certificates import (
-    describe,
-    profile_of,
-    rows_of,
-)
+from ..certificates import describe, profile_of, rows_of
 from ..robot import load_robot
 from ..robot import write_profile as write_file
 

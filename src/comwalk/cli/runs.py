@@ -12,10 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..config import RobotConfig
-from ..errors import (
-    ComwalkError,
-    ParameterError,
-)
+from ..errors import ComwalkError, ParameterError
 from ..run import Run
 from ..runs import (
     LogFacts,
@@ -26,10 +23,7 @@ from ..runs import (
     log_path,
     repair,
 )
-from ..views import (
-    STILLS,
-    check_film,
-)
+from ..views import STILLS, check_film
 from .progress import share_bar
 
 
@@ -97,11 +91,7 @@ def film(
 ) -> int:
     """Film a run, or take stills of it, without a window."""
     check_film(out)
-    from ..views import (
-        View,
-        render_run,
-        render_still,
-    )
+    from ..views import View, render_run, render_still
 
     view = View(width=width, height=height, shadows=True, smooth=2)
     if time is not None:
@@ -176,10 +166,7 @@ def _write_report(run: Run, path: Path, quiet: bool) -> None:
 
 def _write_film(run: Run, path: Path, quiet: bool) -> None:
     """Write a film or stills of a run."""
-    from ..views import (
-        View,
-        render_run,
-    )
+    from ..views import View, render_run
 
     view = View(shadows=True, smooth=2)
     with share_bar("film", quiet) as progress:

@@ -10,24 +10,11 @@ from typing import Annotated, Any
 
 from cyclopts import Parameter
 
-from ..config import (
-    RobotConfig,
-    WalkConfig,
-)
+from ..config import RobotConfig, WalkConfig
 from ..errors import ViewError
-from ..run import (
-    Run,
-    plain,
-)
+from ..run import Run, plain
 from ..setup import Setup
-from ..views import (
-    HOST,
-    PORT,
-    Address,
-    model_with_meshes,
-    open_player,
-    recording_of,
-)
+from ..views import HOST, PORT, Address, model_with_meshes, open_player, recording_of
 from ..walking import build_scene
 from .live import LiveWalk
 from .live_page import open_live_page

@@ -24,42 +24,12 @@ from ..config import (
     make_config,
     table_of,
 )
-from ..embedding import (
-    BUILTIN_MOTIONS,
-    Motion,
-    builtin_motion,
-    load_motion,
-)
-from ..errors import (
-    ModelError,
-    ParameterError,
-)
-from ..pattern import (
-    coefficients,
-    make_pattern,
-    plan_steps,
-    transfer_zmp,
-)
-from ..setup import (
-    Setup,
-    build_dance,
-    build_walk,
-    is_motion_file,
-)
-from ..views import (
-    HOST,
-    PORT,
-    Address,
-    outcome_text,
-)
-from .options import (
-    HostFlag,
-    OpenFlag,
-    PortFlag,
-    flags_of,
-    given_flags,
-    with_flags,
-)
+from ..embedding import BUILTIN_MOTIONS, Motion, builtin_motion, load_motion
+from ..errors import ModelError, ParameterError
+from ..pattern import coefficients, make_pattern, plan_steps, transfer_zmp
+from ..setup import Setup, build_dance, build_walk, is_motion_file
+from ..views import HOST, PORT, Address, outcome_text
+from .options import HostFlag, OpenFlag, PortFlag, flags_of, given_flags, with_flags
 from .progress import time_bar
 
 if TYPE_CHECKING:
@@ -135,11 +105,7 @@ def check(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -
     of the robot's links meet, which a walk does not. Exit code 0 if the walk fits, 1 if
     it does not; then it tells what would.
     """
-    from ..certificates import (
-        advice,
-        feasibility,
-        nearest_plans,
-    )
+    from ..certificates import advice, feasibility, nearest_plans
     from ..robot.loaders import read_model
 
     given = given_flags(flags) | ({} if robot is None else {"robot": robot})
@@ -306,10 +272,7 @@ def _motion_rows(motion: Motion) -> list[dict[str, Any]]:
 
 def robots(*, json: _Json = False) -> int:
     """List the robots that are known by name, and how to get those that are missing."""
-    from ..robot.loaders import (
-        ROBOTS,
-        read_model,
-    )
+    from ..robot.loaders import ROBOTS, read_model
 
     rows = []
     for name, text in ROBOTS.items():

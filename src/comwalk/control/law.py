@@ -22,10 +22,7 @@ from typing import Any, Protocol, TypeAlias
 import numpy as np
 
 from ..compiled import Record, kernel
-from ..errors import (
-    ParameterError,
-    checked_number,
-)
+from ..errors import ParameterError, checked_number
 from ..pattern import REFERENCE
 from .filters import low_pass_coefficient
 

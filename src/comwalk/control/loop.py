@@ -10,14 +10,8 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from ..errors import (
-    ModelError,
-)
-from ..pattern import (
-    REFERENCE,
-    Reference,
-    record_of,
-)
+from ..errors import ModelError
+from ..pattern import REFERENCE, Reference, record_of
 from .guard import (
     WALKS,
     Outcome,
@@ -29,20 +23,9 @@ from .guard import (
     interrupted,
     outcome_of,
 )
-from .law import (
-    Controller,
-    ControlOutput,
-)
-from .plant import (
-    Command,
-    Plant,
-    Sensors,
-)
-from .sensing import (
-    Contact,
-    Measurement,
-    zmp_from_wrenches,
-)
+from .law import Controller, ControlOutput
+from .plant import Command, Plant, Sensors
+from .sensing import Contact, Measurement, zmp_from_wrenches
 
 Progress = Callable[[float], None]
 """Called now and then with the time since the plan's start [s]."""

@@ -11,10 +11,7 @@ from __future__ import annotations
 import math
 
 from ..compiled import Record, kernel
-from ..pattern import (
-    Phase,
-    minimum_jerk,
-)
+from ..pattern import Phase, minimum_jerk
 
 WEIGHING_TIME = 0.25
 """Time over which the standing robot is weighed [s]."""

@@ -22,15 +22,8 @@ from typing import Protocol, TypeAlias
 
 import numpy as np
 
-from ..errors import (
-    ComwalkError,
-    ParameterError,
-    checked_number,
-)
-from ..pattern import (
-    Pendulum,
-    zmp_of_motion,
-)
+from ..errors import ComwalkError, ParameterError, checked_number
+from ..pattern import Pendulum, zmp_of_motion
 from .filters import servo_response
 
 Disturbance: TypeAlias = Callable[[float], tuple[np.ndarray, np.ndarray]]

@@ -4,15 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from ..errors import (
-    ParameterError,
-    checked_number,
-)
+from ..errors import ParameterError, checked_number
 from ..pattern import checked_count
-from .law import (
-    ControlSettings,
-    Gains,
-)
+from .law import ControlSettings, Gains
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -12,15 +12,8 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from ..errors import (
-    MotionError,
-    checked_number,
-    nearest,
-)
-from .motion import (
-    Motion,
-    posture_angles,
-)
+from ..errors import MotionError, checked_number, nearest
+from .motion import Motion, posture_angles
 
 _SAMPLES_PER_CYCLE = 64
 """Samples per cycle of a dance: spline error below 1e-6 of the amplitude."""

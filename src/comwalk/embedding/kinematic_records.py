@@ -11,10 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..handles import (
-    inlined,
-    records_at,
-)
+from ..handles import inlined, records_at
 
 ANY_AXIS, SLIDE = 3, 4
 """Kinds of joints; 0, 1 and 2 turn about x, y and z."""

@@ -22,11 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import (
-    MotionError,
-    checked_number,
-    nearest,
-)
+from ..errors import MotionError, checked_number, nearest
 from ..pattern import minimum_jerk
 
 _SHORTEST_STEP = 1e-6

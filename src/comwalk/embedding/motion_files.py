@@ -14,10 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import MotionError
-from .motion import (
-    Motion,
-    as_numbers,
-)
+from .motion import Motion, as_numbers
 
 
 def load_motion(

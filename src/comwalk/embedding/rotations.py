@@ -10,6 +10,8 @@ import math
 
 import numpy as np
 
+from ..compiled import Record, kernel
+
 
 def skew(v: np.ndarray) -> np.ndarray:
     r"""Return the matrix of the cross product, :math:`[v \times]`.
@@ -84,15 +86,13 @@ def rotation_log(R: np.ndarray) -> np.ndarray:
     Returns:
         Rotation vector [rad], angle in [0, pi], of shape (3,).
     """
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
-    vector = _log_from(h - f, c - g, d - b, a + e + i)
-    return _half_turn_log(R) if vector is None else np.array(vector)
+    return level_error(0.0, R.T)
 
 
 def level_error(yaw: float, R: np.ndarray) -> np.ndarray:
     """Return the rotation vector that takes a frame to level with a given heading.
 
-    It is ``rotation_log(rotation_yaw(yaw) @ R.T)``, in a third of the time.
+    It is the logarithm of ``rotation_yaw(yaw) @ R.T``, exact up to 180 degrees.
 
     Args:
         yaw: Desired heading [rad].
@@ -101,39 +101,55 @@ def level_error(yaw: float, R: np.ndarray) -> np.ndarray:
     Returns:
         Rotation vector [rad], world axes, of shape (3,).
     """
-    (a, b, c), (d, e, f), (g, h, i) = R.tolist()
+    scratch = np.empty((3, 3))
+    return np.array(turn_to_level(float(yaw), np.array(R, order="C"), scratch))
+
+
+@kernel
+def _half_turn_log(R: Record) -> tuple[float, float, float]:
+    """Return the rotation vector near 180 degrees."""
+    x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
+    k = 0
+    for i in range(1, 3):
+        if R[i, i] > R[k, k]:
+            k = i
+    a, b, c = R[0, k] + R[k, 0], R[1, k] + R[k, 1], R[2, k] + R[k, 2]
+    a += 2.0 if k == 0 else 0.0
+    b += 2.0 if k == 1 else 0.0
+    c += 2.0 if k == 2 else 0.0
+    scale = (math.pi - 0.5 * math.sqrt(x * x + y * y + z * z)) / math.sqrt(
+        a * a + b * b + c * c
+    )
+    if a * x + b * y + c * z < 0.0:
+        scale = -scale
+    return scale * a, scale * b, scale * c
+
+
+@kernel
+def turn_to_level(yaw: float, R: Record, scratch: Record) -> tuple[float, float, float]:
+    """Return what `level_error` does, for kernels.
+
+    Args:
+        yaw: Desired heading [rad].
+        R: Actual rotation, frame to world, (3, 3).
+        scratch: Workspace, (3, 3).
+    """
     C, S = math.cos(yaw), math.sin(yaw)
-    x = f - S * g - C * h
-    y = C * g - S * h - c
-    z = S * (a + e) + C * (b - d)
-    vector = _log_from(x, y, z, C * (a + e) - S * (b - d) + i)
-    if vector is None:
-        return _half_turn_log(rotation_yaw(yaw) @ R.T)
-    return np.array(vector)
-
-
-def _log_from(
-    x: float, y: float, z: float, trace: float
-) -> tuple[float, float, float] | None:
-    """Return the log from the vector of R - R^T and the trace; None at half turns."""
+    x = R[1, 2] - S * R[2, 0] - C * R[2, 1]
+    y = C * R[2, 0] - S * R[2, 1] - R[0, 2]
+    z = S * (R[0, 0] + R[1, 1]) + C * (R[0, 1] - R[1, 0])
+    trace = C * (R[0, 0] + R[1, 1]) - S * (R[0, 1] - R[1, 0]) + R[2, 2]
     sine, cosine = math.sqrt(x * x + y * y + z * z), trace - 1.0
     if sine > 1e-6:
         k = math.atan2(sine, cosine) / sine
-    elif cosine > 0.0:
-        k = 0.5
-    else:
-        return None
-    return k * x, k * y, k * z
-
-
-def _half_turn_log(R: np.ndarray) -> np.ndarray:
-    """Return the rotation vector near 180 degrees, where R - R^T vanishes."""
-    sense = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    outer = 0.5 * (R + R.T) + np.eye(3)
-    column = int(np.argmax(np.diag(outer)))
-    axis = outer[:, column] / math.sqrt(float(outer[column] @ outer[column]))
-    angle = math.pi - 0.5 * float(np.linalg.norm(sense))
-    return angle * (axis if axis @ sense >= 0.0 else -axis)
+        return k * x, k * y, k * z
+    if cosine > 0.0:
+        return 0.5 * x, 0.5 * y, 0.5 * z
+    for j in range(3):
+        scratch[0, j] = C * R[j, 0] - S * R[j, 1]
+        scratch[1, j] = S * R[j, 0] + C * R[j, 1]
+        scratch[2, j] = R[j, 2]
+    return _half_turn_log(scratch)
 
 
 def yaw_of_quaternion(quaternion: np.ndarray) -> float:

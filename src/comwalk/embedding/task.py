@@ -18,15 +18,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import (
-    ModelError,
-    checked_number,
-    nearest,
-)
-from .rotations import (
-    shift,
-    skew,
-)
+from ..errors import ModelError, checked_number, nearest
+from .rotations import shift, skew
 
 
 @dataclass(frozen=True, kw_only=True)

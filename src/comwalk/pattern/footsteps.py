@@ -19,12 +19,7 @@ from typing import Any, Literal, get_args
 
 import numpy as np
 
-from ..errors import (
-    ParameterError,
-    PlanError,
-    checked_number,
-    nearest,
-)
+from ..errors import ParameterError, PlanError, checked_number, nearest
 from ..sides import Side
 
 DoubleSupport = Literal["paper", "minjerk"]

@@ -28,11 +28,7 @@ from collections.abc import Callable
 import numpy as np
 
 from ..compiled import Record, kernel
-from ..errors import (
-    ParameterError,
-    PlanError,
-    checked_number,
-)
+from ..errors import ParameterError, PlanError, checked_number
 from ..sides import Side
 from . import phases as p
 from . import records as r
@@ -47,18 +43,9 @@ from .footsteps import (
     Gait,
     checked_count,
 )
-from .pendulum import (
-    PAPER_PENDULUM,
-    Pendulum,
-)
-from .reference import (
-    fill_reference,
-    reference_of,
-)
-from .walk_pattern import (
-    MIN_MINJERK,
-    Reference,
-)
+from .pendulum import PAPER_PENDULUM, Pendulum
+from .reference import fill_reference, reference_of
+from .walk_pattern import MIN_MINJERK, Reference
 
 STEPS_AHEAD = 4
 """Steps that are planned beyond the one that is being made [-]. What is not yet known

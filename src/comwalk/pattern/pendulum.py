@@ -12,10 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import (
-    ParameterError,
-    checked_number,
-)
+from ..errors import ParameterError, checked_number
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -15,17 +15,9 @@ import numpy as np
 from ..compiled import kernel
 from ..sides import Side
 from . import records as r
-from .footsteps import (
-    Footstep,
-    FootstepPlan,
-)
+from .footsteps import Footstep, FootstepPlan
 from .pendulum import Pendulum
-from .walk_pattern import (
-    MIN_MINJERK,
-    START_SPEED,
-    Phase,
-    make_pattern,
-)
+from .walk_pattern import MIN_MINJERK, START_SPEED, Phase, make_pattern
 
 STAND, START, DOUBLE = int(Phase.STAND), int(Phase.START), int(Phase.DOUBLE)
 SINGLE_LEFT, SINGLE_RIGHT = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)

@@ -13,14 +13,8 @@ import numpy as np
 from ..compiled import Record, kernel
 from ..sides import Side
 from . import records as r
-from .swing import (
-    VERTICAL_SHARE,
-    FootMotion,
-)
-from .walk_pattern import (
-    Phase,
-    Reference,
-)
+from .swing import VERTICAL_SHARE, FootMotion
+from .walk_pattern import Phase, Reference
 
 _MIDDLE = 1.0 - 2.0 * VERTICAL_SHARE
 

@@ -13,10 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import checked_number
-from .footsteps import (
-    Foothold,
-    shortest_turn,
-)
+from .footsteps import Foothold, shortest_turn
 
 VERTICAL_SHARE = 0.02
 """Share of the swing at each end in which the foot moves vertically only [-]."""

@@ -23,35 +23,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import (
-    ParameterError,
-    PlanError,
-    checked_number,
-)
+from ..errors import ParameterError, PlanError, checked_number
 from ..sides import Side
-from .footsteps import (
-    Foothold,
-    FootstepPlan,
-    Gait,
-    excerpt,
-    foot_poses,
-    shortest_turn,
-)
-from .pendulum import (
-    Pendulum,
-    zmp_of_motion,
-)
-from .polygon import (
-    convex_hull,
-    polygon_margin,
-    rectangle,
-)
-from .swing import (
-    FootMotion,
-    minimum_jerk,
-    resting_foot,
-    swing_foot,
-)
+from .footsteps import Foothold, FootstepPlan, Gait, excerpt, foot_poses, shortest_turn
+from .pendulum import Pendulum, zmp_of_motion
+from .polygon import convex_hull, polygon_margin, rectangle
+from .swing import FootMotion, minimum_jerk, resting_foot, swing_foot
 
 START_SPEED = 2.25
 """Velocity at the end of the quintic start, in units of distance over duration [-]."""

@@ -19,24 +19,10 @@ import numpy as np
 
 from ..errors import ModelError
 from ..sides import Side
-from .kinematic_tree import (
-    Skeleton,
-    zero_posture,
-)
-from .loaders import (
-    LinkMesh,
-    Mimic,
-    first_of,
-)
+from .kinematic_tree import Skeleton, zero_posture
+from .loaders import LinkMesh, Mimic, first_of
 from .profile import Profile
-from .soles import (
-    CROSSWISE,
-    FITTED,
-    Face,
-    Sole,
-    find_face,
-    make_sole,
-)
+from .soles import CROSSWISE, FITTED, Face, Sole, find_face, make_sole
 
 Joints = tuple[int, ...]
 """Joints as indices into the model's, from the base outwards."""

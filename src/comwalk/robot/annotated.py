@@ -19,10 +19,7 @@ from ..sides import Side
 from .anatomy import Anatomy
 from .annotation import compile_model
 from .kinematic_tree import Skeleton
-from .loaders import (
-    Mimic,
-    rotation_of,
-)
+from .loaders import Mimic, rotation_of
 from .soles import Sole
 
 _ENDS = {

@@ -15,33 +15,13 @@ import mujoco
 import numpy as np
 
 from ..embedding import rotation_yaw
-from ..errors import (
-    ModelError,
-    one_line,
-)
+from ..errors import ModelError, one_line
 from ..sides import Side
-from .anatomy import (
-    Anatomy,
-    find_anatomy,
-)
-from .kinematic_tree import (
-    Skeleton,
-    zero_posture,
-)
-from .loaders import (
-    Mimic,
-    ModelFile,
-    quaternion_of,
-    rotation_of,
-)
-from .mimic import (
-    Coupling,
-    couple,
-)
-from .posture import (
-    Limbs,
-    find_posture,
-)
+from .anatomy import Anatomy, find_anatomy
+from .kinematic_tree import Skeleton, zero_posture
+from .loaders import Mimic, ModelFile, quaternion_of, rotation_of
+from .mimic import Coupling, couple
+from .posture import Limbs, find_posture
 from .profile import Profile
 from .servos import (
     add_servos,

@@ -13,21 +13,9 @@ from typing import Any
 
 import numpy as np
 
-from ..embedding import (
-    ANY_AXIS,
-    LIMB,
-    LINK,
-    LONGEST,
-    SITE,
-    SLIDE,
-    Flat,
-    records,
-)
+from ..embedding import ANY_AXIS, LIMB, LINK, LONGEST, SITE, SLIDE, Flat, records
 from ..errors import ModelError
-from .model import (
-    Kinematics,
-    Robot,
-)
+from .model import Kinematics, Robot
 
 
 def flatten(robot: Robot, sites: Iterable[int] = ()) -> Flat:

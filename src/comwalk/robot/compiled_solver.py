@@ -14,11 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import (
-    batch_kernel,
-    kernel,
-    parallel_range,
-)
+from ..compiled import batch_kernel, kernel, parallel_range
 from ..embedding import (
     ALL_ROWS,
     SOLVED,
@@ -43,11 +39,7 @@ from ..embedding import (
 from ..errors import ParameterError
 from ..handles import handle_of
 from .compiled_robot import flatten
-from .model import (
-    LEGS,
-    Kinematics,
-    Robot,
-)
+from .model import LEGS, Kinematics, Robot
 
 
 class FastResolver:

@@ -16,49 +16,18 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..embedding import (
-    JointLimit,
-    Limb,
-    Posture,
-)
-from ..errors import (
-    ModelError,
-    ParameterError,
-    checked_number,
-)
+from ..embedding import JointLimit, Limb, Posture
+from ..errors import ModelError, ParameterError, checked_number
 from ..sides import Side
 from .anatomy import Anatomy
-from .annotated import (
-    is_marked,
-    read_marks,
-)
-from .annotation import (
-    compile_model,
-    couple_in_physics,
-    coupling_of,
-    mark,
-)
+from .annotated import is_marked, read_marks
+from .annotation import compile_model, couple_in_physics, coupling_of, mark
 from .kinematic_tree import Skeleton
-from .loaders import (
-    ModelFile,
-    read_model,
-    rotation_of,
-)
+from .loaders import ModelFile, read_model, rotation_of
 from .mimic import Coupling
-from .profile import (
-    Profile,
-    check_names,
-    read_profile,
-)
-from .roles import (
-    Role,
-    find_roles,
-)
-from .servos import (
-    Gains,
-    set_gains,
-    set_torque,
-)
+from .profile import Profile, check_names, read_profile
+from .roles import Role, find_roles
+from .servos import Gains, set_gains, set_torque
 
 LEGS = {Side.LEFT: "left_leg", Side.RIGHT: "right_leg"}
 """Names of the two legs among a robot's limbs."""

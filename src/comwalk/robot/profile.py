@@ -15,12 +15,7 @@ from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from ..errors import (
-    ParameterError,
-    RunError,
-    checked_number,
-    nearest,
-)
+from ..errors import ParameterError, RunError, checked_number, nearest
 from ..sides import Side
 
 

@@ -12,10 +12,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
-from .loaders import (
-    VISUAL_GROUP,
-    compile_without_bad_meshes,
-)
+from .loaders import VISUAL_GROUP, compile_without_bad_meshes
 from .model import Robot
 
 CLEARANCE = 0.01

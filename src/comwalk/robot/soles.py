@@ -15,16 +15,9 @@ import numpy as np
 
 from ..embedding import rotation_yaw
 from ..errors import ModelError
-from ..pattern import (
-    convex_hull,
-    rectangle,
-    rectangle_in,
-)
+from ..pattern import convex_hull, rectangle, rectangle_in
 from .kinematic_tree import Skeleton
-from .loaders import (
-    LinkMesh,
-    mesh_vertices,
-)
+from .loaders import LinkMesh, mesh_vertices
 
 Box = tuple[float, float, float, float]
 """Centre x, y and length and width of a contact box [m], in the plane of the sole."""

@@ -10,8 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import RunError
 from ..control import Tick
+from ..errors import RunError
 
 Columns = Mapping[str, np.ndarray]
 """Arrays by name."""

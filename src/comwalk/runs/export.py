@@ -10,12 +10,7 @@ import numpy as np
 
 from ..errors import RunError
 from .mcap_file import qos
-from .run_log import (
-    LogFacts,
-    copy_whole,
-    inspect,
-    tables,
-)
+from .run_log import LogFacts, copy_whole, inspect, tables
 
 Table = dict[str, np.ndarray]
 """Columns by name."""

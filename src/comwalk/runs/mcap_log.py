@@ -18,20 +18,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ..errors import RunError
-from .columns import Log
-from .mcap_file import (
-    MESSAGE,
-    McapWriter,
-    Topic,
-)
 from ..robot import Robot
-from .topics import (
-    Columns,
-    Latched,
-    Stream,
-    latched_of,
-    streams_of,
-)
+from .columns import Log
+from .mcap_file import MESSAGE, McapWriter, Topic
+from .topics import Columns, Latched, Stream, latched_of, streams_of
 
 try:
     import fcntl

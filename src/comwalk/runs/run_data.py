@@ -12,15 +12,12 @@ from zipfile import BadZipFile
 import mujoco
 import numpy as np
 
+from ..control import Outcome
 from ..errors import RunError
-from .columns import Log
 from ..pattern import Pattern
 from ..robot import Robot
-from .summary import (
-    summarize,
-    versions,
-)
-from ..control import Outcome
+from .columns import Log
+from .summary import summarize, versions
 
 
 @dataclass(frozen=True, eq=False)

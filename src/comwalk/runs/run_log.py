@@ -12,21 +12,9 @@ import numpy as np
 from mcap.records import Channel, Metadata, Schema
 
 from ..errors import RunError
-from .mcap_file import (
-    Block,
-    End,
-    McapWriter,
-    Topic,
-    read_mcap,
-)
-from .mcap_log import (
-    MCAP_NAME,
-    is_open,
-)
-from .ros_messages import (
-    decode,
-    layout_of,
-)
+from .mcap_file import Block, End, McapWriter, Topic, read_mcap
+from .mcap_log import MCAP_NAME, is_open
+from .ros_messages import decode, layout_of
 
 
 def log_path(run: str | Path) -> Path:

@@ -9,18 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from .columns import Log
-from ..pattern import (
-    Pattern,
-    Phase,
-)
-from ..robot import (
-    Kinematics,
-    Robot,
-)
-from ..sides import Side
-from ..embedding import yaw_of_quaternion
 from ..control import Outcome
+from ..embedding import yaw_of_quaternion
+from ..pattern import Pattern, Phase
+from ..robot import Kinematics, Robot
+from ..sides import Side
+from .columns import Log
 
 
 def summarize(

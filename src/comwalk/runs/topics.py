@@ -13,20 +13,9 @@ from typing import Any, TypeAlias
 import mujoco
 import numpy as np
 
-from ..robot import (
-    Kinematics,
-    Robot,
-)
-from ..robot import (
-    link_names,
-    robot_urdf,
-)
-from .ros_messages import (
-    Layout,
-    encode,
-    layout_of,
-)
+from ..robot import Kinematics, Robot, link_names, robot_urdf
 from ..sides import Side
+from .ros_messages import Layout, encode, layout_of
 
 Columns: TypeAlias = Mapping[str, np.ndarray]
 """Columns of a run by name, each of shape (rows, ...)."""

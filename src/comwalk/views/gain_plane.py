@@ -24,10 +24,7 @@ from ..certificates import (
     text_of_loop,
 )
 from ..pattern import Pendulum
-from .matplotlib_figures import (
-    STYLE,
-    write_figure,
-)
+from .matplotlib_figures import STYLE, write_figure
 
 _LIMITS = (2.0, 2.6)  # of k_p and k_c over omega_n
 _EXACT, _REMARK, _PROOF, _LOOP = "#EDEDED", "#56B4E9", "#009E73", "#D55E00"

@@ -13,10 +13,7 @@ import sys
 from importlib import import_module
 from typing import Any
 
-from ..errors import (
-    ComwalkError,
-    one_line,
-)
+from ..errors import ComwalkError, one_line
 
 _LIBRARIES = {
     "egl": ("libEGL.so.1", "libEGL.so"),

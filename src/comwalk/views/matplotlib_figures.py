@@ -18,12 +18,7 @@ from matplotlib.patches import Patch, Polygon
 
 from ..embedding import EmbeddedMotion
 from ..errors import RunError
-from ..pattern import (
-    Pattern,
-    Phase,
-    foot_poses,
-    rectangle,
-)
+from ..pattern import Pattern, Phase, foot_poses, rectangle
 from ..runs import RunData, summarize
 
 DPI = 150

@@ -18,25 +18,11 @@ from importlib.util import find_spec
 from pathlib import Path
 from tempfile import NamedTemporaryFile
 
-from ..errors import (
-    ParameterError,
-    RunError,
-)
-from ..runs import (
-    Record,
-    RunData,
-    record_of,
-)
-from .charts import (
-    chart_style,
-    page_script,
-    page_style,
-)
+from ..errors import ParameterError, RunError
+from ..runs import Record, RunData, record_of
+from .charts import chart_style, page_script, page_style
 from .recording import recording_of
-from .run_charts import (
-    main_charts,
-    run_charts,
-)
+from .run_charts import main_charts, run_charts
 from .scene import scene_film
 from .tables import (
     changed_settings,

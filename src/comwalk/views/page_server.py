@@ -7,10 +7,7 @@ from collections.abc import Generator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
-from ..errors import (
-    ViewError,
-    checked_number,
-)
+from ..errors import ViewError, checked_number
 
 if TYPE_CHECKING:
     import viser

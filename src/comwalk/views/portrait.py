@@ -10,17 +10,11 @@ import mujoco
 import numpy as np
 
 from ..control import SimulatorSettings
-from ..robot import (
-    Kinematics,
-    Robot,
-)
+from ..robot import Kinematics, Robot
 from ..robot.loaders import rotation_of
 from ..sides import Side
 from ..walking import build_scene
-from .render import (
-    View,
-    still,
-)
+from .render import View, still
 
 VIEW = View(
     width=720,

@@ -12,22 +12,10 @@ import mujoco
 import numpy as np
 
 from ..control import SimulatorSettings
-from ..errors import (
-    ComwalkError,
-    RunError,
-)
-from ..pattern import (
-    Foothold,
-    Footstep,
-    FootstepPlan,
-    Phase,
-)
+from ..errors import ComwalkError, RunError
+from ..pattern import Foothold, Footstep, FootstepPlan, Phase
 from ..robot import load_robot
-from ..runs import (
-    RunData,
-    read_columns,
-    read_summary,
-)
+from ..runs import RunData, read_columns, read_summary
 from ..sides import Side
 from ..walking import build_scene
 

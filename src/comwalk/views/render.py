@@ -19,28 +19,13 @@ import numpy as np
 from PIL import Image
 
 from ..embedding import yaw_of_quaternion
-from ..errors import (
-    RunError,
-    checked_number,
-    one_line,
-)
+from ..errors import RunError, checked_number, one_line
 from ..pattern import Phase, convex_hull
 from ..runs import RunData
 from ..sides import Side
-from .gl import (
-    no_opengl,
-    open_context,
-)
-from .recording import (
-    highest_box,
-    recording_of,
-    sole_box,
-)
-from .video import (
-    FILMS,
-    check_film,
-    mp4_writer,
-)
+from .gl import no_opengl, open_context
+from .recording import highest_box, recording_of, sole_box
+from .video import FILMS, check_film, mp4_writer
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -10,15 +10,8 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from ..certificates.identification import (
-    Identified,
-    ResponseFit,
-    Responses,
-)
-from .matplotlib_figures import (
-    DPI,
-    write_figure,
-)
+from ..certificates.identification import Identified, ResponseFit, Responses
+from .matplotlib_figures import DPI, write_figure
 
 _COLORS = ("#0072B2", "#D55E00")
 _NAMES = ("CoM", "ZMP")

@@ -16,28 +16,14 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from ..control import (
-    Contact,
-    zmp_from_wrenches,
-)
+from ..control import Contact, zmp_from_wrenches
 from ..embedding import yaw_of_quaternion
 from ..errors import checked_number
-from ..pattern import (
-    FootstepPlan,
-    Phase,
-    convex_hull,
-    foot_poses,
-    rectangle,
-)
+from ..pattern import FootstepPlan, Phase, convex_hull, foot_poses, rectangle
 from ..sides import Side
 from .geoms import shapes_of
 from .page_server import open_server
-from .recording import (
-    Moment,
-    Recording,
-    highest_box,
-    sole_box,
-)
+from .recording import Moment, Recording, highest_box, sole_box
 
 if TYPE_CHECKING:
     import viser

@@ -11,10 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import (
-    RunError,
-    one_line,
-)
+from ..errors import RunError, one_line
 
 FILMS = (".mp4", ".webp", ".gif")
 """Endings of films."""

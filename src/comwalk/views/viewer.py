@@ -14,16 +14,8 @@ import numpy as np
 
 from ..pattern import FootstepPlan
 from .page_server import open_server
-from .recording import (
-    Moment,
-    Recording,
-)
-from .scene import (
-    COLORS,
-    SEEN_THROUGH,
-    Stage,
-    show_row,
-)
+from .recording import Moment, Recording
+from .scene import COLORS, SEEN_THROUGH, Stage, show_row
 
 if TYPE_CHECKING:
     import viser

@@ -6,66 +6,16 @@ and `motion.EmbeddedMotion.at` say what is computed and why; a test ties the two
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from ..compiled import Record, kernel
-from ..embedding import SLIDE, Flat, site_point, site_rotation
+from ..embedding import SLIDE, Flat, site_point, site_rotation, turn_to_level
 from ..pattern import minimum_jerk
-from .foot_contact import (
-    follow_ground,
-    foothold,
-    planned_share,
-    untilt,
-)
+from .foot_contact import follow_ground, foothold, planned_share, untilt
 
 RECKONING = 5.0
 """Feedback of the supporting foot to its dead reckoning [1/s]: slow, since each
 correction moves the whole body."""
-
-# ---- Rotations --------------------------------------------------------------------
-
-
-@kernel
-def _half_turn_log(R: Record) -> tuple[float, float, float]:
-    """Return the rotation vector near 180 degrees; `spatial.rotation_log`."""
-    x, y, z = R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]
-    k = 0
-    for i in range(1, 3):
-        if R[i, i] > R[k, k]:
-            k = i
-    a, b, c = R[0, k] + R[k, 0], R[1, k] + R[k, 1], R[2, k] + R[k, 2]
-    a += 2.0 if k == 0 else 0.0
-    b += 2.0 if k == 1 else 0.0
-    c += 2.0 if k == 2 else 0.0
-    scale = (math.pi - 0.5 * math.sqrt(x * x + y * y + z * z)) / math.sqrt(
-        a * a + b * b + c * c
-    )
-    if a * x + b * y + c * z < 0.0:
-        scale = -scale
-    return scale * a, scale * b, scale * c
-
-
-@kernel
-def level_error(yaw: float, R: Record, scratch: Record) -> tuple[float, float, float]:
-    """Return the rotation vector that takes a frame to level; `spatial.level_error`."""
-    C, S = math.cos(yaw), math.sin(yaw)
-    x = R[1, 2] - S * R[2, 0] - C * R[2, 1]
-    y = C * R[2, 0] - S * R[2, 1] - R[0, 2]
-    z = S * (R[0, 0] + R[1, 1]) + C * (R[0, 1] - R[1, 0])
-    trace = C * (R[0, 0] + R[1, 1]) - S * (R[0, 1] - R[1, 0]) + R[2, 2]
-    sine, cosine = math.sqrt(x * x + y * y + z * z), trace - 1.0
-    if sine > 1e-6:
-        k = math.atan2(sine, cosine) / sine
-        return k * x, k * y, k * z
-    if cosine > 0.0:
-        return 0.5 * x, 0.5 * y, 0.5 * z
-    for j in range(3):
-        scratch[0, j] = C * R[j, 0] - S * R[j, 1]
-        scratch[1, j] = S * R[j, 0] + C * R[j, 1]
-        scratch[2, j] = R[j, 2]
-    return _half_turn_log(scratch)
 
 
 # ---- The feet ---------------------------------------------------------------------
@@ -85,7 +35,7 @@ def _foot_twist(
     if rules.imu:
         untilt(R, state.leans[k, 0], state.leans[k, 1], state.other)
         R = state.other
-    e_x, e_y, e_z = level_error(yaw_d, R, state.level)
+    e_x, e_y, e_z = turn_to_level(yaw_d, R, state.level)
     K_p = min(K, RECKONING) if k == int(reference.support) else K
     twist = limb.twist
     twist[0] = foot.velocity[0] + K_p * (x_d - x)
@@ -180,7 +130,7 @@ def want(
     for i in range(2):
         wanted.com[i] = K * (law.com_command[i] - com[i]) + law.u[i]
     wanted.com[2] = K * (reference.com[2] - com[2])
-    x, y, z = level_error(reference.heading, flat.links[0].R, state.level)
+    x, y, z = turn_to_level(reference.heading, flat.links[0].R, state.level)
     wanted.trunk[0], wanted.trunk[1] = K * x, K * y
     wanted.trunk[2] = K * z + reference.heading_rate
     for k in range(2):

@@ -14,9 +14,7 @@ import numpy as np
 
 from ..compiled import Record, kernel
 from ..embedding import Flat, site_point, site_rotation, turned
-from ..pattern import (
-    Phase,
-)
+from ..pattern import Phase
 
 RETURN_TIME = 0.1
 """Time constant of a swinging foot's return to its path [s]."""

@@ -11,9 +11,7 @@ import math
 import numpy as np
 
 from ..compiled import Record, kernel
-from ..control import (
-    weigh_standing,
-)
+from ..control import weigh_standing
 from ..embedding import Flat, place_links, site_point, site_rotation, turned
 from .foot_contact import (
     ANKLE,

@@ -14,16 +14,9 @@ import numpy as np
 from ..compiled import Record, kernel
 from ..control import LAW_STATE
 from ..embedding import LINK, place_links
-from ..handles import (
-    floats_at,
-    record_at,
-    records_at,
-)
+from ..handles import floats_at, record_at, records_at
 from ..pattern import REFERENCE
-from .records import (
-    ROW,
-    STATE,
-)
+from .records import ROW, STATE
 from .tick import (
     AT_FELT,
     AT_LAW_STATE,

@@ -14,24 +14,12 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
-from ..control import (
-    Command,
-    Push,
-    Sensors,
-    SimulatorSettings,
-)
-from ..errors import (
-    ModelError,
-    ParameterError,
-)
+from ..control import Command, Push, Sensors, SimulatorSettings
+from ..errors import ModelError, ParameterError
 from ..pattern import FootstepPlan
 from ..robot import Robot
 from ..sides import Side
-from .terrain import (
-    CELL,
-    Terrain,
-    random_terrain,
-)
+from .terrain import CELL, Terrain, random_terrain
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -11,11 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..control import (
-    WEIGHING_TIME,
-    BodySettings,
-    low_pass_coefficient,
-)
+from ..control import WEIGHING_TIME, BodySettings, low_pass_coefficient
 from ..embedding import EmbeddedMotion, records, rotate_twist
 from ..robot import Foot, Kinematics, Robot
 from ..sides import Side

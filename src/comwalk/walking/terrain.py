@@ -8,10 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..errors import PlanError
-from ..pattern import (
-    FootstepPlan,
-    foot_poses,
-)
+from ..pattern import FootstepPlan, foot_poses
 
 CELL = 0.16
 """Side of each box [m]."""

@@ -18,10 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...control import ControlOutput
-from ...errors import (
-    ParameterError,
-    checked_number,
-)
+from ...errors import ParameterError, checked_number
 from ...pattern import (
     Foothold,
     FootstepPlan,

@@ -11,28 +11,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...control import (
-    Body,
-    Plant,
-    Tick,
-    Watch,
-    walk,
-)
+from ...control import Body, Plant, Tick, Watch, walk
 from ...errors import RunError
 from ...pattern import Pattern, polygon_margin
-from .excitation import (
-    Excitation,
-    Experiment,
-    Shaker,
-    make_excitation,
-)
-from .frequency_response import (
-    Estimate,
-    ResponseFit,
-    Responses,
-    fit_responses,
-    onset,
-)
+from .excitation import Excitation, Experiment, Shaker, make_excitation
+from .frequency_response import Estimate, ResponseFit, Responses, fit_responses, onset
 
 _LOOK_BACK = 0.1  # time before a tap that tells where the ZMP was [s]
 _LOOK_AHEAD = 0.3  # time after a tap in which an answer must begin [s]

@@ -14,11 +14,7 @@ import scipy.optimize
 
 from ...errors import ComwalkError
 from ...pattern import Pendulum
-from .. import (
-    SampledLoop,
-    loop_gain,
-    open_loop,
-)
+from .. import SampledLoop, loop_gain, open_loop
 from .frequency_response import ResponseFit
 
 _POINTS = 2000  # on the unit circle

@@ -22,10 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import (
-    ModelError,
-    one_line,
-)
+from ...errors import ModelError, one_line
 from .parts import LinkMesh
 
 _MOST_FACES = 200_000

@@ -9,19 +9,9 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from ...errors import (
-    ModelError,
-    one_line,
-)
-from .mesh_files import (
-    Part,
-    file_vertices,
-    readable_parts,
-)
-from .parts import (
-    LinkMesh,
-    quaternion_of,
-)
+from ...errors import ModelError, one_line
+from .mesh_files import Part, file_vertices, readable_parts
+from .parts import LinkMesh, quaternion_of
 
 _WIDEST = 100.0
 """Extent [m] above which a mesh is in other units."""

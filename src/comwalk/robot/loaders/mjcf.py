@@ -9,18 +9,8 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from ...errors import (
-    ModelError,
-    one_line,
-)
-from .parts import (
-    LinkMesh,
-    Mimic,
-    ModelFile,
-    first_of,
-    resolve_mimics,
-    rotation_of,
-)
+from ...errors import ModelError, one_line
+from .parts import LinkMesh, Mimic, ModelFile, first_of, resolve_mimics, rotation_of
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _FREE = mujoco.mjtJoint.mjJNT_FREE

@@ -12,17 +12,10 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from ...errors import (
-    ModelError,
-    nearest,
-    one_line,
-)
+from ...errors import ModelError, nearest, one_line
 from .mesh_files import mesh_vertices as mesh_vertices
 from .mesh_files import package_folders
-from .meshes import (
-    add_meshes,
-    compile_without_bad_meshes,
-)
+from .meshes import add_meshes, compile_without_bad_meshes
 from .mjcf import read_mjcf
 from .parts import LinkMesh as LinkMesh
 from .parts import Mimic as Mimic

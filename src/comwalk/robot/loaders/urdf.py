@@ -17,25 +17,9 @@ import numpy as np
 from ...errors import ModelError
 from .mesh_files import find_mesh
 from .meshes import style_geom
-from .parts import (
-    LinkMesh,
-    Mimic,
-    ModelFile,
-    first_of,
-    quaternion_of,
-    resolve_mimics,
-)
+from .parts import LinkMesh, Mimic, ModelFile, first_of, quaternion_of, resolve_mimics
 from .up_axis import stand_up
-from .urdf_tree import (
-    Joint,
-    Link,
-    Pose,
-    Tree,
-    number,
-    numbers,
-    origin,
-    read_tree,
-)
+from .urdf_tree import Joint, Link, Pose, Tree, number, numbers, origin, read_tree
 
 _SPECK, _SPECK_INERTIA = 1e-6, 1e-9
 """Mass [kg] and inertia [kg m^2] of a moving link that has none."""

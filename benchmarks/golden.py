@@ -71,8 +71,11 @@ def _commanded(robot: str) -> Columns:
     def keep(tick: object) -> None:
         rows.append(
             np.concatenate(
-                [tick.measured.com, tick.measured.zmp, tick.control.u]
-                + [tick.command.positions, tick.command.velocities, plant.data.qpos]
+                [
+                    *(tick.measured.com, tick.measured.zmp, tick.control.u),
+                    *(tick.command.positions, tick.command.velocities),
+                    plant.data.qpos,
+                ]
             )
         )
 

@@ -29,10 +29,11 @@ def parts_of(path: Path) -> tuple[int, int, int]:
     return len(lines), len(code), len(told)
 
 
-def bodies_of(path: Path) -> list[int]:
+def bodies_of(paths: list[Path]) -> list[int]:
     """Return the number of lines of each function's body, docstrings not counted."""
     found = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    nodes = (n for p in paths for n in ast.walk(ast.parse(p.read_text("utf-8"))))
+    for node in nodes:
         if isinstance(node, ast.FunctionDef):
             body = node.body[1:] if ast.get_docstring(node) else node.body
             found.append(body[-1].end_lineno - body[0].lineno + 1 if body else 0)
@@ -52,7 +53,9 @@ def measure(root: Path) -> dict[str, str]:
     rooms = [path for path in files if path.name != "__init__.py"]
     tests = sorted((root / "tests").rglob("*.py"))
     tools = sorted((root / "benchmarks").rglob("*.py"))
-    text, code, told = (sum(column) for column in zip(*map(parts_of, files)))
+    text, code, told = (
+        sum(column) for column in zip(*map(parts_of, files), strict=True)
+    )
     checked = sum(parts_of(path)[1] for path in tests)
     packages: dict[str, int] = {}
     for path in rooms:
@@ -64,9 +67,9 @@ def measure(root: Path) -> dict[str, str]:
         "modules": str(len(rooms)),
         "modules per package": ", ".join(f"{n} {k}" for n, k in packages.items()),
         "longest module": str(max(parts_of(path)[0] for path in rooms)),
-        "bodies, median / p90 / max": spread(sum(map(bodies_of, files), [])),
-        "the same in benchmarks": spread(sum(map(bodies_of, tools), [])),
-        "the same in tests": spread(sum(map(bodies_of, tests), [])),
+        "bodies, median / p90 / max": spread(bodies_of(files)),
+        "the same in benchmarks": spread(bodies_of(tools)),
+        "the same in tests": spread(bodies_of(tests)),
         "docstring per code line": f"{told / code:.2f}",
         "test per code line": f"{checked / code:.2f}",
     }

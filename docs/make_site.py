@@ -21,7 +21,7 @@ from comwalk.views import choose_backend
 
 choose_backend()  # before anything imports mujoco
 
-from latex2mathml.converter import convert  # noqa: E402
+from latex2mathml.converter import convert
 
 from comwalk.cli import main as comwalk
 from comwalk.errors import ComwalkError

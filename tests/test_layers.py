@@ -1,4 +1,4 @@
-"""How the code is built: layers that know only what is below, small rooms and bodies."""
+"""The build of the code: layers that know only those below, small rooms and bodies."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Kernels: plain functions of numbers and arrays that numba compiles on their first call.
+"""Kernels: plain functions of numbers and arrays, compiled on their first call.
 
 A kernel stands beside the object that it computes for and is the only code of its
 formula. Its result is kept on disk for the next process. numba itself is imported on

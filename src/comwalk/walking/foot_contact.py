@@ -1,9 +1,9 @@
 """Where the soles stand, how they lie, and how they meet uneven ground.
 
-The plan thinks of level soles at planned places. The state of the body keeps what is different:
-*dead reckoning* by the encoders tells where a foot came down, the IMU tells how a sole
-lies, and the shares of the weight that the feet bear tell a foot that lands to yield
-when it meets the ground early, and to reach down when the ground comes late.
+The plan assumes level soles at planned places. The records of the body keep what
+differs: dead reckoning by the encoders says where a foot came down, the IMU how a sole
+lies, and from the load shares of the feet a landing foot yields when it meets the
+ground early, and reaches down when the ground comes late.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def turned_back(R: Record, x: float, y: float, z: float) -> tuple[float, float, 
 
 @kernel
 def untilt(R: Record, x: float, y: float, out: Record) -> None:
-    """Write R T^T, with T the smallest rotation that takes (x, y, .) to the vertical."""
+    """Write R T^T: T is the smallest rotation that turns (x, y, .) to the vertical."""
     z = math.sqrt(max(1.0 - x * x - y * y, 0.0))
     k = 1.0 / (1.0 + z)
     a, b, d = 1.0 - k * x * x, -k * x * y, 1.0 - k * y * y

@@ -7,8 +7,10 @@ from functools import cache
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from comwalk.embedding.task import CartesianMotion, JointMotion, Task
+from comwalk.errors import ModelError
 from comwalk.robot.model import Kinematics, Robot, load_robot
 
 
@@ -92,3 +94,12 @@ def random_task(
 def posture_of(robot: Robot, q: np.ndarray):
     """Return the posture at a configuration."""
     return Kinematics(robot).posture(q)
+
+
+def robot_of(name: str) -> Robot:
+    """Return a robot by name; skip where its package is not installed."""
+    known = {"paper": paper, "jvrc1": jvrc}
+    try:
+        return known[name]() if name in known else load_robot(name)
+    except ModelError as error:
+        pytest.skip(str(error))

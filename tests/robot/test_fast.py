@@ -5,30 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from models import write
-from robots import jvrc, paper, random_configuration
+from robots import jvrc, paper, random_configuration, robot_of
 
 from comwalk.embedding.kinematics import SINGULAR, SOLVED, resolve_at
 from comwalk.embedding.solver import Resolver
 from comwalk.embedding.task import ALL_ROWS, CartesianMotion, Damping, motion_of
-from comwalk.errors import ModelError
 from comwalk.handles import handle_of
 from comwalk.robot.compiled_robot import flatten
 from comwalk.robot.compiled_solver import FastResolver, can_resolve
 from comwalk.robot.loaders.sources import ROBOTS
-from comwalk.robot.model import Kinematics, Robot, load_robot
+from comwalk.robot.model import Kinematics, load_robot
 
 LEGS = {"left_leg": ALL_ROWS, "right_leg": ALL_ROWS}
 HANDS = LEGS | {"left_arm": ALL_ROWS, "right_arm": ALL_ROWS}
 SOME_ROWS = LEGS | {"left_arm": (0, 1, 2), "right_arm": (0, 2, 3, 5)}
-
-
-def robot_of(name: str) -> Robot:
-    """Return a robot by name; skip where its package is not installed."""
-    known = {"paper": paper, "jvrc1": jvrc}
-    try:
-        return known[name]() if name in known else load_robot(name)
-    except ModelError as error:
-        pytest.skip(str(error))
 
 
 def any_task(fast: FastResolver, rng: np.random.Generator) -> None:

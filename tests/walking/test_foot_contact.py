@@ -14,21 +14,91 @@ from robots import jvrc, paper, random_configuration
 from scipy.spatial.transform import Rotation
 
 from comwalk.certificates.defaults import default_control, walk_pattern
+from comwalk.control.law import LAW_STATE
 from comwalk.control.plant import Sensors
 from comwalk.control.settings import BodySettings, SimulatorSettings
+from comwalk.embedding.kinematic_records import LINK, SITE, Flat
 from comwalk.pattern.footsteps import Gait, plan_steps
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.records import REFERENCE
+from comwalk.pattern.reference import record_of
 from comwalk.pattern.walk_pattern import Phase, Reference, make_pattern
 from comwalk.robot.model import Kinematics
 from comwalk.run import simulate
 from comwalk.sides import Side
-from comwalk.walking.foot_contact import FOOT_INDEX, Footing, planned_share, tilt_matrix
+from comwalk.walking import foot_contact as kernels
+from comwalk.walking.records import STATE, rules_of
 from comwalk.walking.whole_body import WholeBody
 
 PERIOD = 0.002
 CALM, FLAT = np.zeros(2), np.zeros((2, 2))
 TILTED = np.array([0.1, 0.0, 0.0])  # a rotation vector [rad]
 CURVE = make_pattern(plan_steps(Gait(half_step=0.08, turn=0.2), 4), Pendulum())
+
+
+FOOT_INDEX = {side: k for k, side in enumerate(Side)}
+
+
+def record(reference: Reference) -> np.void:
+    """Return a reference as kernels see it."""
+    records = np.zeros(1, REFERENCE)
+    record_of(reference, records[0])
+    return records[0]
+
+
+def tilt_matrix(up) -> np.ndarray:
+    """Return the smallest rotation that takes a direction to the vertical, (3, 3)."""
+    out = np.zeros((3, 3))
+    kernels.untilt(np.eye(3), float(up[0]), float(up[1]), out)
+    return out.T
+
+
+def planned_share(reference: Reference) -> float:
+    """Return the share of the weight that the plan puts on the left foot [-]."""
+    return kernels.planned_share(record(reference))
+
+
+class Footing:
+    """The kernels of `foot_contact` on the records of one robot."""
+
+    def __init__(self, settings: BodySettings, period: float) -> None:
+        self.rules = rules_of(paper(), period, settings)[0]
+        self.state, self.law = np.zeros(1, STATE)[0], np.zeros(1, LAW_STATE)[0]
+        self.leans = self.state["leans"]
+
+    @property
+    def heights(self) -> dict[Side, float]:
+        return dict(zip(Side, self.state["heights"].tolist(), strict=True))
+
+    def feel(self, soles, imu, orientation) -> None:
+        links, sites = np.zeros(1, LINK), np.zeros(5, SITE)
+        links["R"], sites["turn"] = imu, np.eye(3)
+        self.state["soles"] = soles
+        flat = Flat(links, np.zeros(0, LINK), sites)
+        kernels.feel_tilt(flat, self.rules, self.state, np.array(orientation))
+
+    def level(self, soles, side: Side) -> np.ndarray:
+        self.state["soles"], out = soles, np.zeros((3, 3))
+        kernels.level_frame(self.rules, self.state, FOOT_INDEX[side], out)
+        return out
+
+    def foothold(self, side: Side, reference: Reference) -> tuple:
+        return kernels.foothold(self.state, record(reference), FOOT_INDEX[side])
+
+    def change_support(self, old: Side, reference, seen, turn: float) -> None:
+        links, sites = np.zeros(1, LINK), np.zeros(5, SITE)
+        links["R"] = np.eye(3)
+        k, new = FOOT_INDEX[old], FOOT_INDEX[old.other]
+        sites["point"][new] = seen
+        self.state["support"], self.state["soles"][k] = k, np.eye(3)
+        self.state["soles"][new] = Rotation.from_euler("z", turn).as_matrix()
+        flat = Flat(links, np.zeros(0, LINK), sites)
+        kernels.change_support(flat, self.rules, self.state, record(reference), new)
+
+    def follow(self, reference, left_share, edges, com_error) -> None:
+        self.state["left_share"], self.state["edges"] = left_share, edges
+        self.law["e_c"] = com_error
+        kernels.follow_ground(self.rules, self.state, self.law, record(reference))
 
 
 def footing(**options) -> Footing:
@@ -215,8 +285,6 @@ def test_dead_reckoning_composes_what_the_encoders_say(seed):
         there = np.array(ours.foothold(reference.support, reference))
         assert np.abs(there[:2] - place[:2]).max() < 1e-12
         assert abs(math.remainder(there[2] - place[2], math.tau)) < 1e-12
-        as_frame = ours.place(reference.support, reference)
-        assert as_frame.of((0.0, 0.0, 0.3)) == pytest.approx((*place[:2], 0.3))
 
 
 def test_the_planned_share_is_where_the_zmp_is_between_the_feet():

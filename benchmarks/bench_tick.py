@@ -1,11 +1,12 @@
-"""Time of one control tick, beside the time of one physics step in the same run.
+"""Time of one control tick wherever it runs, beside a physics step in the same run.
 
     python benchmarks/bench_tick.py [ROBOT ...] [--steps 6] [--save FILE.json]
                                     [--compare FILE.json]
 
-First the readable tick and its parts, then the compiled one and what the compiled loop
-adds to it, and the real-time factors of a median period: of the loop, and of physics
-alone.
+The tick measures, guards, applies the law and resolves. It is timed on MuJoCo's memory
+(plain), with noisy and with late sensors, with `Sensors` and `Command` objects as a
+driver of one's own passes them, and under an `OnlinePattern`; the last row is how many
+times real time a whole walk takes, and what physics alone would.
 
 The physics step is the yardstick: it is C code that this project did not write, so the
 ratio says more than microseconds do on a machine that others use too.
@@ -22,88 +23,90 @@ import mujoco
 import numpy as np
 
 import comwalk as cw
-from comwalk.certificates import walk_pattern
-from comwalk.control import WalkingController
-from comwalk.handles import handle_of
+from comwalk.certificates import default_control, sole_size
+from comwalk.control import Sensors, Tick, WalkingController, walk
+from comwalk.pattern import OnlinePattern
 from comwalk.run import prepare
-from comwalk.walking import CompiledTick, feel_step, row_type, scene_arrays, sense
-from comwalk.walking import command as command_plant
+from comwalk.walking import WholeBodyTicker
 
-PARTS = ("plan", "measure", "law", "act")
-LOOP = ("compiled tick", "set-points and log", "physics", "sensors")
+
+def fused(robot: cw.Robot, steps: int, **physics: float) -> np.ndarray:
+    """Return the times of the ticks of a simulated walk [us]."""
+    settings = cw.SimulatorSettings(**physics)
+    pattern = cw.walk_pattern(robot, steps)
+    run = cw.simulate(robot, pattern, physics=settings, force=True)
+    return 1e6 * run.log["compute_s"]
+
+
+def by_objects(robot: cw.Robot, pattern: cw.Pattern | OnlinePattern) -> np.ndarray:
+    """Return the times of ticks that are fed with objects [us], set-points included."""
+    walked = cw.walk_pattern(robot, 1)
+    parts, control = prepare(robot, walked, force=True), default_control(robot)
+    law = WalkingController(control.gains, control.settings, control.period)
+    times = []
+
+    class Timed(WholeBodyTicker):
+        def step(self, when: float, sensors: Sensors) -> None:
+            begin = time.perf_counter()
+            outcome = super().step(when, sensors)
+            _ = self.command
+            times.append(1e6 * (time.perf_counter() - begin))
+            return outcome
+
+    parts.body.ticker = lambda p, c, w: Timed(p, c, parts.body, w)
+    walk(pattern, law, parts.body, parts.plant, on_tick=_ignore)
+    return np.array(times)
+
+
+def _ignore(tick: Tick) -> None:
+    """Do nothing with a tick."""
+
+
+def commanded(robot: cw.Robot, duration: float) -> OnlinePattern:
+    """Return a walk that is commanded to go forward."""
+    gait = cw.default_gait(robot)
+    online = OnlinePattern(
+        gait,
+        cw.default_pendulum(robot),
+        duration=duration,
+        sole_size=sole_size(robot),
+    )
+    online.set_velocity(2 * gait.half_step / gait.period)
+    return online
+
+
+def physics_step(robot: cw.Robot) -> float:
+    """Return the median time of a physics step while the robot stands [us]."""
+    plant = prepare(robot, cw.walk_pattern(robot, 1), force=True).plant
+    times = []
+    for _ in range(2000):
+        begin = time.perf_counter()
+        mujoco.mj_step(plant.model, plant.data)
+        times.append(1e6 * (time.perf_counter() - begin))
+    return float(np.median(times))
 
 
 def measure(name: str, steps: int) -> dict[str, float]:
-    """Return medians [us] of the tick's parts, of the tick, and of a physics step."""
+    """Return medians and 99th percentiles of the tick [us], and their ratios."""
     robot = cw.load_robot(name)
-    pattern = walk_pattern(robot, steps)
-    parts = prepare(robot, pattern)
-    control, plant, body = parts.control, parts.plant, parts.body
-    controller = WalkingController(control.gains, control.settings, control.period)
-    reference = pattern.at(0.0)
-    command = body.start(reference)
-    controller.reset(reference.com, reference.zmp)
-    sensors, rows, now = plant.start(command), [], time.perf_counter
-    for k in range(int(pattern.duration / control.period)):
-        times = [now()]
-        reference = pattern.at(k * control.period)
-        times.append(now())
-        measured = body.measure(sensors, reference)
-        times.append(now())
-        output = controller.step(reference, measured.com, measured.zmp)
-        times.append(now())
-        command = body.act(output, reference)
-        times.append(now())
-        plant.write(command)
-        sensors = plant.read()
-        times.append(now())
-        rows.append(1e6 * np.diff(times))
-    table = np.array(rows)
-    tick = table[:, :4].sum(axis=1)
-    physics = table[:, 4] / plant.substeps
-    result = {name: float(np.median(table[:, i])) for i, name in enumerate(PARTS)}
-    result |= {
-        "tick p50": float(np.median(tick)),
-        "tick p95": float(np.percentile(tick, 95)),
-        "tick p99": float(np.percentile(tick, 99)),
-        "physics step": float(np.median(physics)),
+    pattern = cw.walk_pattern(robot, steps)
+    fused(robot, 1)  # compiles, or loads from disk
+    found = {
+        "plain": fused(robot, steps),
+        "noise": fused(robot, steps, noise=1.0),
+        "latency": fused(robot, steps, latency=0.01),
+        "own plant": by_objects(robot, pattern),
+        "commanded": by_objects(robot, commanded(robot, pattern.duration)),
     }
-    return result | {"tick / physics step": result["tick p50"] / result["physics step"]}
-
-
-def measure_compiled(name: str, steps: int) -> dict[str, float]:
-    """Return medians [us] of the compiled tick and of the loop around it."""
-    robot = cw.load_robot(name)
-    pattern = walk_pattern(robot, steps)
-    parts = prepare(robot, pattern)
-    control, plant, body = parts.control, parts.plant, parts.body
-    law = WalkingController(control.gains, control.settings, control.period)
-    tick, dt, now = CompiledTick(pattern, law, body), control.period, time.perf_counter
-    ticks, rows = int(pattern.duration / dt), []
-    scene = scene_arrays(plant, parts.log.take(row_type(plant), ticks))
-    there, here = handle_of(*scene), tick.handle
-    tick.feel(plant.start(body.start(pattern.at(0.0))))
-    for k in range(ticks):
-        times = [now()]
-        tick.step(k * dt)
-        times.append(now())
-        command_plant(there, here, k, 0.0)
-        times.append(now())
-        for step in range(plant.substeps):
-            mujoco.mj_step(plant.model, plant.data)
-            feel_step(there, step)
-        times.append(now())
-        sense(there, here, plant.substeps)
-        times.append(now())
-        rows.append(1e6 * np.diff(times))
-    table = np.array(rows)
-    result = {part: float(np.median(table[:, i])) for i, part in enumerate(LOOP)}
-    period = float(np.median(table.sum(axis=1)))
-    return result | {
-        "compiled tick p99": float(np.percentile(table[:, 0], 99)),
-        "/ real time, loop": 1e6 * dt / period,
-        "/ real time, physics": 1e6 * dt / result["physics"],
-    }
+    plain = float(np.median(found["plain"]))
+    rows = {"physics step": physics_step(robot)}
+    for title, times in found.items():
+        rows[title] = float(np.median(times))
+        rows[f"{title}, p99"] = float(np.percentile(times, 99))
+        rows[f"{title} / plain"] = rows[title] / plain
+    run = cw.simulate(robot, pattern, force=True)
+    rows["/ real time"] = pattern.duration / run.seconds
+    return rows
 
 
 def main() -> None:
@@ -113,19 +116,17 @@ def main() -> None:
     parser.add_argument("--steps", type=int, default=6)
     parser.add_argument("--save", type=Path)
     parser.add_argument("--compare", type=Path)
-    arguments = parser.parse_args()
-    result = {}
-    for robot in arguments.robots:
-        for function in (measure, measure_compiled):
-            function(robot, 1)  # warm up
-            found = function(robot, arguments.steps)
-            result |= {f"{robot}: {part}": value for part, value in found.items()}
-    before = json.loads(arguments.compare.read_text()) if arguments.compare else {}
-    for name, value in result.items():
-        ratio = f"{value / before[name]:8.2f} x before" if name in before else ""
-        print(f"{name:32s}{value:10.1f}{'' if '/' in name else ' us'}{ratio}")
-    if arguments.save:
-        arguments.save.write_text(json.dumps(result, indent=2) + "\n")
+    options = parser.parse_args()
+    found = {name: measure(name, options.steps) for name in options.robots}
+    before = json.loads(options.compare.read_text()) if options.compare else {}
+    for name, result in found.items():
+        print(name)
+        for title, value in result.items():
+            old = before.get(name, {}).get(title)
+            change = f"  {value / old:6.2f} x before" if old else ""
+            print(f"  {title:22}{value:9.2f}{change}")
+    if options.save:
+        options.save.write_text(json.dumps(found, indent=2) + "\n")
 
 
 if __name__ == "__main__":

@@ -15,15 +15,17 @@ controller = WalkingController(cw.Gains(), cw.ControlSettings(), period)
 plant = SimulatedRobot(robot, period)  # any object with start, read, write, stop
 
 reference = pattern.at(0.0)
-command = body.start(reference)
 controller.reset(reference.com, reference.zmp)
+command = body.start(reference)
+ticker = body.ticker(pattern, controller)
 plant.place(body.configuration)
 sensors = plant.start(command)
 for tick in range(int(pattern.duration / period)):
-    reference = pattern.at(tick * period)
-    measured = body.measure(sensors, reference)
-    control = controller.step(reference, measured.com, measured.zmp)
-    plant.write(body.act(control, reference))
+    outcome = ticker.step(tick * period, sensors)  # measure, guard, law, resolution
+    if outcome is not None:  # a fall, or a dead sensor
+        break
+    plant.write(ticker.command)
     sensors = plant.read()
-plant.stop("done")
-print(f"the CoM ended {1e3 * abs(control.com_error).max():.1f} mm from its reference")
+plant.stop("done" if outcome is None else outcome.cause)
+error = controller.output().com_error
+print(f"the CoM ended {1e3 * abs(error).max():.1f} mm from its reference")

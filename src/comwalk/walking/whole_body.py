@@ -104,6 +104,9 @@ class WholeBody:
         """All that a tick reads and writes."""
         self.handle = handle_of(*self.arrays)
         """The same, for kernels."""
+        self._positions, self._rates = self.arrays.sensed[7:], self.arrays.v[6:]
+        self._wrenches = self.arrays.felt[:12].reshape(2, 6)
+        self._orientation = self.arrays.felt[12:]
 
     def _arrays(self) -> Arrays:
         """Return the arrays of a body in the robot's home posture."""
@@ -228,10 +231,9 @@ class WholeBody:
         Args:
             sensors: Encoders, ankle wrenches and IMU.
         """
-        self.arrays.sensed[7:] = sensors.positions
-        felt = self.arrays.felt
-        felt[:12].reshape(2, 6)[:] = sensors.wrenches
-        felt[12:] = sensors.orientation
+        self._positions[:] = sensors.positions
+        self._wrenches[:] = sensors.wrenches
+        self._orientation[:] = sensors.orientation
 
     @property
     def measured(self) -> Measurement:
@@ -283,7 +285,7 @@ class WholeBody:
     @property
     def command(self) -> Command:
         """The last set-points."""
-        return Command(self.arrays.set_points.copy(), self.arrays.v[6:].copy())
+        return Command(self.arrays.set_points.copy(), self._rates.copy())
 
     @property
     def task(self) -> Task:
@@ -391,6 +393,7 @@ class WholeBodyTicker:
         self.handle = handle_of(*arrays)
         """The same, for kernels."""
         self._fused = isinstance(controller, WalkingController)
+        self._looks_up = isinstance(pattern, Pattern)
         self._tick = load(tick, self.handle, 0.0)
         self.look_up(0.0)
 
@@ -400,7 +403,7 @@ class WholeBodyTicker:
         Args:
             time: Time since the plan's start [s].
         """
-        if len(self.arrays.table):
+        if self._looks_up:
             look_up(self.handle, time)
         elif isinstance(self._pattern, OnlinePattern):
             self.arrays.reference[0] = self._pattern.fill(time)
@@ -420,7 +423,7 @@ class WholeBodyTicker:
         """
         if sensors is not None:
             self.body.feel(sensors)
-        if not len(self.arrays.table):
+        if not self._looks_up:
             self.look_up(time)
         status = self._tick(self.handle, time) if self._fused else self._by_law(time)
         if status > WALKS:

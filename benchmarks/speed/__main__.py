@@ -36,9 +36,8 @@ from tables import document, print_tables, readme, replaced
 
 SECTIONS = ("resolution", "pattern", "start", "growth", "loop", "realtime")
 HOW = {
-    "compiled tick, real-time priority": {},
-    "compiled tick, usual priority": {"priority": False},
-    "readable loop, real-time priority": {"compiled": False},
+    "real-time priority": {},
+    "usual priority": {"priority": False},
 }
 """How the loop of `realtime` runs."""
 WORKER = Path(__file__).parent / "worker.py"

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import importlib
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -76,11 +77,21 @@ class _Layout:
         return np.concatenate([R @ v[:3], R @ v[3:6], v[6:][self._back]])
 
 
-def _urdf_file(problem: Problem) -> str:
-    """Write the robot's URDF; returns its path."""
-    path = Path(tempfile.mkdtemp()) / "robot.urdf"
-    path.write_text(urdf_of(problem.robot.model), encoding="utf-8")
-    return str(path)
+@contextmanager
+def _urdf_file(problem: Problem) -> Iterator[str]:
+    """Write the robot's URDF; yields its path, and removes it."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "robot.urdf"
+        path.write_text(urdf_of(problem.robot.model), encoding="utf-8")
+        yield str(path)
+
+
+def _pinocchio_model(problem: Problem) -> Any:
+    """Return Pinocchio's model of the robot, with a free base."""
+    import pinocchio as pin
+
+    with _urdf_file(problem) as path:
+        return pin.buildModelFromUrdf(path, pin.JointModelFreeFlyer())
 
 
 # ---- pink ------------------------------------------------------------------------
@@ -94,7 +105,7 @@ def pink(solver: str, limited: bool = False) -> Callable:
         from pink import Configuration, solve_ik
         from pink.tasks import ComTask, FrameTask, PostureTask
 
-        model = pin.buildModelFromUrdf(_urdf_file(problem), pin.JointModelFreeFlyer())
+        model = _pinocchio_model(problem)
         layout = _Layout(problem, list(model.names)[2:])
         ends = [FrameTask(f"site{s}", 1.0, 1.0) for s in problem.sites]
         trunk, com = FrameTask("body1", 0.0, 1.0), ComTask(1.0)
@@ -194,7 +205,8 @@ def placo(limited: bool = False) -> Callable:
     def make(problem: Problem) -> tuple[Tick, Read]:
         import placo
 
-        robot = placo.RobotWrapper(_urdf_file(problem), placo.Flags.ignore_collisions)
+        with _urdf_file(problem) as path:
+            robot = placo.RobotWrapper(path, placo.Flags.ignore_collisions)
         layout = _Layout(problem, list(robot.joint_names()))
         solver = placo.KinematicsSolver(robot)
         solver.dt = DT
@@ -258,7 +270,7 @@ def tsid(problem: Problem) -> tuple[Tick, Read]:
     import pinocchio as pin
 
     lib = _tsid()
-    model = pin.buildModelFromUrdf(_urdf_file(problem), pin.JointModelFreeFlyer())
+    model = _pinocchio_model(problem)
     layout = _Layout(problem, list(model.names)[2:])
     robot = lib.RobotWrapper(model, lib.FLOATING_BASE_SYSTEM, False)
     formulation = lib.InverseDynamicsFormulationAccForce("tsid", robot, False)

@@ -22,16 +22,12 @@ import comwalk as cw
 from comwalk.certificates import default_control
 from comwalk.control import (
     Command,
-    Outcome,
-    Plant,
     Sensors,
     WalkingController,
-    completed,
     walk,
 )
-from comwalk.embedding import bounded_solver
 from comwalk.pattern import Pattern
-from comwalk.walking import DONE, CompiledTick, SimulatedRobot, WholeBody
+from comwalk.walking import SimulatedRobot, WholeBody
 
 SPIN = 2e-4
 """How long before a deadline it stops sleeping and looks at the clock [s]."""
@@ -89,7 +85,6 @@ def realtime(
     *,
     seconds: float = 60.0,
     rate: float = 1000.0,
-    compiled: bool = True,
     tamed: bool = True,
     priority: bool = True,
     spin: float = SPIN,
@@ -100,26 +95,23 @@ def realtime(
         name: The robot.
         seconds: About how long [s].
         rate: Ticks per second [1/s].
-        compiled: Whether by the compiled tick or by the readable loop.
         tamed: Whether the garbage collector is frozen and off.
         priority: Whether to ask for real-time priority and locked memory.
         spin: How long before a deadline to stop sleeping [s].
     """
     robot = cw.load_robot(name)
-    loop = walk_compiled if compiled else walk
     _, short, *parts = _set_up(robot, 1, rate)
-    loop(short, *parts)  # so that all kernels are loaded
+    walk(short, *parts)  # so that all kernels are loaded
     steps = max(1, round((seconds - 3.0) / cw.default_gait(robot).period))
     period, pattern, controller, body, plant = _set_up(robot, steps, rate)
     paced = Paced(plant, math.ceil(pattern.duration / period) + 1, spin)
     with _tame(tamed), _prioritised(priority) as granted:
-        outcome = loop(pattern, controller, body, paced)
+        outcome = walk(pattern, controller, body, paced)
     done, woken = (1e6 * times for times in paced.measured())
     late = done - 1e6 * period
     return {
         "robot": name,
         "rate": rate,
-        "compiled": compiled,
         "tamed": tamed,
         "priority": granted,
         "outcome": str(outcome),
@@ -145,27 +137,6 @@ def _set_up(
     body.start(pattern.at(0.0))
     plant.place(body.configuration)
     return control.period, pattern, controller, body, plant
-
-
-def walk_compiled(
-    pattern: Pattern, controller: WalkingController, body: WholeBody, plant: Plant
-) -> Outcome:
-    """Walk by the compiled tick on any plant, as a driver of a robot would."""
-    tick = CompiledTick(pattern, controller, body)
-    bounded_solver()  # a hand-over must not import it in mid-walk
-    tick.look_up(0.0)
-    sensors = plant.start(body.start(pattern.at(0.0)))
-    tick.arrays.q[:] = body.configuration
-    body.configuration = tick.arrays.q
-    for k in range(math.ceil(pattern.duration / plant.period)):
-        tick.feel(sensors)
-        if (status := tick.step(k * plant.period)) != DONE:
-            plant.stop("the walk ended")
-            return tick.outcome(status)
-        plant.write(tick.command())
-        sensors = plant.read()
-    plant.stop("done")
-    return completed(tick.reference(), pattern.duration)
 
 
 def _percentiles(name: str, times: np.ndarray) -> dict[str, float]:

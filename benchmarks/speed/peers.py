@@ -267,7 +267,6 @@ def tsid(problem: Problem) -> tuple[Tick, Read]:
     It is asked for accelerations as large, per second, as the velocities that the
     others are asked for; it finds the ground's forces too, within friction cones.
     """
-    import pinocchio as pin
 
     lib = _tsid()
     model = _pinocchio_model(problem)

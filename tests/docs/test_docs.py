@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from PIL import Image
 from robots import jvrc_path
 
 import comwalk
@@ -252,3 +253,20 @@ def test_pages_and_films_in_the_docs(tmp_path, monkeypatch):
     (code,) = re.findall(r"```python\n(.*?)```", PAGES, flags=re.DOTALL)
     exec(compile(code, "pages.md", "exec"), {})
     assert Path("walk.html").stat().st_size > 500_000
+
+
+def test_pictures_show_the_figures_of_the_readme():
+    """The table, figures.json and the titles inside the pictures are of one run."""
+    images = ROOT / "docs" / "images"
+    ours = json.loads((images / "figures.json").read_text())["fig7"]
+    com, zmp = (
+        [round(ours[f"{name}_rms_{axis}"]["ours"], 1) for axis in "xy"]
+        for name in ("com", "zmp")
+    )
+    readme = (ROOT / "README.md").read_text()
+    [row] = [x for x in readme.splitlines() if x.startswith("| the paper's walk, 4 m")]
+    assert f"{com[0]} / {com[1]}" in row
+    assert f"{zmp[0]} / {zmp[1]}" in row
+    with Image.open(images / "fig7.png") as picture:
+        title = picture.text["Title"]
+    assert f"CoM (true) {com[0]}, {com[1]} mm;  ZMP {zmp[0]}, {zmp[1]} mm" in title

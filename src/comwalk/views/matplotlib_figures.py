@@ -125,7 +125,9 @@ def write_figure(figure: Figure, path: str | Path | None) -> Figure:
         return figure
     try:
         with matplotlib.rc_context(STYLE):
-            figure.savefig(path, dpi=DPI)
+            parts = [figure, *figure.subfigs]
+            title = "".join(part.get_suptitle() for part in parts)
+            figure.savefig(path, dpi=DPI, metadata={"Title": title})
     except OSError as error:
         reason = error.strerror or error
         raise RunError(f"cannot write the figure {path}: {reason}") from None

@@ -39,7 +39,13 @@ from .pattern import Pattern
 from .robot import Robot
 from .runs import MCAP_NAME, Log, Recorder, RunData, save_columns, save_mcap
 from .views import load_recording
-from .walking import MujocoLink, SimulatedRobot, WholeBody, WholeBodyTicker
+from .walking import (
+    MujocoLink,
+    SimulatedRobot,
+    WholeBody,
+    WholeBodyTicker,
+    take_log,
+)
 
 if TYPE_CHECKING:
     from .views import WebPage
@@ -364,9 +370,10 @@ def _walked(
     log = recorder.log
     link: Callable[[Any], Link] | None = None
     if isinstance(plant, SimulatedRobot):
+        take_log(log, plant, pattern.duration)
 
         def link(ticker: WholeBodyTicker) -> MujocoLink:
-            return MujocoLink(plant, ticker, log, pattern.duration, progress)
+            return MujocoLink(plant, ticker, log, progress)
 
     begin = time.perf_counter()
     with recorder:

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from .mujoco_exchange import feel_step as feel_step
     from .mujoco_exchange import sense as sense
     from .mujoco_link import MujocoLink as MujocoLink
+    from .mujoco_link import take_log as take_log
     from .mujoco_plant import SimulatedRobot as SimulatedRobot
     from .mujoco_plant import build_scene as build_scene
     from .whole_body import WholeBody as WholeBody

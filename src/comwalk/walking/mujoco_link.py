@@ -31,22 +31,19 @@ class MujocoLink:
         plant: SimulatedRobot,
         ticker: WholeBodyTicker,
         log: Log,
-        duration: float,
         progress: Progress | None = None,
     ) -> None:
-        """Prepare the log, and load the kernels, or compile them.
+        """Load the kernels, or compile them.
 
         Args:
             plant: The robot.
             ticker: What computes set-points from readings.
-            log: Where the rows go.
-            duration: How long the plan lasts [s].
+            log: Where the rows go; its table was taken by `take_log`.
             progress: Called now and then with the simulated time [s].
         """
         self._plant, self._ticker, self._log = plant, ticker, log
         self._progress = progress
-        ticks = math.ceil(duration / plant.period)
-        self._arrays = scene_arrays(plant, log.take(row_type(plant), ticks))
+        self._arrays = scene_arrays(plant, log.table)
         there, here = handle_of(*self._arrays), ticker.handle
         self._there, self._here = there, here
         self._command = load(command, there, here, 0, 0.0)
@@ -94,6 +91,17 @@ class MujocoLink:
             feel(there, step)
         self._sense(there, self._here, plant.substeps)
         return None if self._ideal else plant.advance()
+
+
+def take_log(log: Log, plant: SimulatedRobot, duration: float) -> None:
+    """Give a log its table, before anyone reads it.
+
+    Args:
+        log: The log.
+        plant: The robot.
+        duration: How long the plan lasts [s].
+    """
+    log.take(row_type(plant), math.ceil(duration / plant.period))
 
 
 def row_type(plant: SimulatedRobot) -> np.dtype:

@@ -26,7 +26,7 @@ from comwalk.config import (
 )
 from comwalk.control.law import Gains
 from comwalk.control.settings import Control
-from comwalk.embedding.motion import prepare_motion
+from comwalk.embedding.motion_checks import prepare_motion
 from comwalk.errors import ComwalkError, MotionError, ParameterError, PlanError
 from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait
 from comwalk.pattern.pendulum import Pendulum

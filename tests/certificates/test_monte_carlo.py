@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comwalk.certificates.ensemble import errors_under, monte_carlo, random_disturbance
-from comwalk.certificates.ideal_loop import simulate_error_dynamics, worst_case
 from comwalk.certificates.sampled_bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.sampled_loop import SampledLoop
+from comwalk.certificates.worst_case import simulate_error_dynamics, worst_case
 from comwalk.control.law import ControlSettings, Gains, WalkingController
 from comwalk.control.plant import Command, PendulumPlant
 from comwalk.errors import ParameterError

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from comwalk.certificates.gain_check import sampled_loop_of
-from comwalk.certificates.ideal_loop import simulate_error_dynamics, worst_case
 from comwalk.certificates.sampled_bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.sampled_loop import SampledLoop
 from comwalk.certificates.validation import observe
+from comwalk.certificates.worst_case import simulate_error_dynamics, worst_case
 from comwalk.cli.app import main
 from comwalk.control.law import ControlSettings, Gains
 from comwalk.control.plant import random_bounded, sampled_disturbance

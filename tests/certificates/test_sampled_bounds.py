@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from comwalk.certificates import sampled_bounds as b
-from comwalk.certificates.ideal_loop import worst_disturbance
 from comwalk.certificates.sampled_loop import SampledLoop
+from comwalk.certificates.worst_case import worst_disturbance
 from comwalk.control.law import ControlSettings, Gains, WalkingController
 from comwalk.control.plant import (
     Command,

@@ -11,17 +11,9 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from comwalk.embedding.dances import BUILTIN_MOTIONS, builtin_motion
-from comwalk.embedding.motion import (
-    EmbeddedMotion,
-    JointLimit,
-    Motion,
-    embed_in,
-    prepare_motion,
-    renamed,
-    resampled,
-    scaled,
-    select,
-)
+from comwalk.embedding.motion import EmbeddedMotion, JointLimit, Motion, embed_in
+from comwalk.embedding.motion_checks import prepare_motion
+from comwalk.embedding.motion_edits import renamed, resampled, scaled, select
 from comwalk.embedding.motion_files import load_motion, save_motion
 from comwalk.errors import MotionError, ParameterError
 

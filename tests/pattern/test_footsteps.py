@@ -18,11 +18,11 @@ from comwalk.pattern.footsteps import (
     FootstepPlan,
     Gait,
     foot_poses,
-    load_plan,
     plan_segments,
     plan_steps,
     shortest_turn,
 )
+from comwalk.pattern.plan_files import load_plan
 from comwalk.pattern.polygon import convex_hull, polygon_margin, rectangle
 from comwalk.sides import Side
 

@@ -18,7 +18,8 @@ from comwalk.control.law import ControlSettings, Gains, WalkingController
 from comwalk.control.plant import Sensors
 from comwalk.control.settings import BodySettings, Control, Push, SimulatorSettings
 from comwalk.embedding.dances import builtin_motion
-from comwalk.embedding.motion import EmbeddedMotion, embed_in, placed, renamed
+from comwalk.embedding.motion import EmbeddedMotion, embed_in
+from comwalk.embedding.motion_edits import placed, renamed
 from comwalk.embedding.rotations import level_error, rotation_yaw
 from comwalk.pattern.footsteps import Gait, plan_steps
 from comwalk.pattern.pendulum import PAPER_PENDULUM

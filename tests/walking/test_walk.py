@@ -16,7 +16,8 @@ from comwalk.control.loop import walk
 from comwalk.control.plant import Sensors, random_bounded
 from comwalk.control.settings import BodySettings, Control, Push, SimulatorSettings
 from comwalk.embedding.dances import builtin_motion
-from comwalk.embedding.motion import embed_in, prepare_motion
+from comwalk.embedding.motion import embed_in
+from comwalk.embedding.motion_checks import prepare_motion
 from comwalk.errors import ModelError, ParameterError, PlanError, RunError
 from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait, plan_steps
 from comwalk.pattern.pendulum import Pendulum

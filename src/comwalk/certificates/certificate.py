@@ -20,20 +20,17 @@ from .bounds import PaperBound, ellipsoid_bound, invariant_set, paper_bound
 from .gain_check import check_gains
 from .ideal_loop import (
     Output,
-    WorstCase,
-    com_peak_gain,
     damping,
     is_hurwitz,
     natural_frequency,
     poles,
     proof_condition,
     remark_1,
-    worst_case,
-    zmp_peak_gain,
 )
 from .sampled_bounds import SampledWorstCase, sampled_weights, sampled_worst_case
 from .sampled_loop import SampledLoop, highest_cutoff, spectral_radius
 from .stability_margins import Margins, decay_rate, largest_zmp_gain, margins
+from .worst_case import WorstCase, com_peak_gain, worst_case, zmp_peak_gain
 
 
 class SoleRoom(NamedTuple):

@@ -18,7 +18,6 @@ import numpy as np
 
 from ..errors import ParameterError, checked_number
 from ..pattern import Pendulum
-from .ideal_loop import worst_disturbance
 from .sampled_loop import (
     SampledLoop,
     disturbance_response,
@@ -27,6 +26,7 @@ from .sampled_loop import (
     tick_response,
 )
 from .stability_margins import decay_rate
+from .worst_case import worst_disturbance
 
 MAX_TICKS = 200_000
 """Longest horizon [ticks]."""

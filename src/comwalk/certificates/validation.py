@@ -39,9 +39,9 @@ from ..errors import ParameterError, RunError
 from ..pattern import Pendulum
 from ..runs import read_columns, read_summary
 from .gain_check import sampled_loop_of
-from .ideal_loop import worst_case
 from .sampled_bounds import sampled_weights, sampled_worst_case
 from .sampled_loop import SampledLoop
+from .worst_case import worst_case
 
 BANDWIDTH = 10.0
 """Frequency up to which errors are looked at [Hz]: the loop is linear, so that what is

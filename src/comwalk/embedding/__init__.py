@@ -32,11 +32,11 @@ if TYPE_CHECKING:
     from .motion import JointLimit as JointLimit
     from .motion import Motion as Motion
     from .motion import embed_in as embed_in
-    from .motion import fitted as fitted
-    from .motion import placed as placed
-    from .motion import prepare_motion as prepare_motion
-    from .motion import renamed as renamed
-    from .motion import scaled as scaled
+    from .motion_checks import fitted as fitted
+    from .motion_checks import prepare_motion as prepare_motion
+    from .motion_edits import placed as placed
+    from .motion_edits import renamed as renamed
+    from .motion_edits import scaled as scaled
     from .motion_files import load_motion as load_motion
     from .rotations import level_error as level_error
     from .rotations import rotate_twist as rotate_twist

@@ -13,7 +13,8 @@ from collections.abc import Callable, Mapping
 import numpy as np
 
 from ..errors import MotionError, checked_number, nearest
-from .motion import Motion, posture_angles
+from .motion import Motion
+from .motion_edits import posture_angles
 
 _SAMPLES_PER_CYCLE = 64
 """Samples per cycle of a dance: spline error below 1e-6 of the amplitude."""

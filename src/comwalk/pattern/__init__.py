@@ -11,20 +11,20 @@ if TYPE_CHECKING:
     from .footsteps import FootstepPlan as FootstepPlan
     from .footsteps import Gait as Gait
     from .footsteps import checked_count as checked_count
-    from .footsteps import excerpt as excerpt
     from .footsteps import foot_poses as foot_poses
-    from .footsteps import load_plan as load_plan
     from .footsteps import plan_segments as plan_segments
     from .footsteps import plan_steps as plan_steps
-    from .footsteps import shortened as shortened
-    from .footsteps import slowed as slowed
-    from .footsteps import without_repeats as without_repeats
     from .online import OnlinePattern as OnlinePattern
     from .pendulum import PAPER_PENDULUM as PAPER_PENDULUM
     from .pendulum import Pendulum as Pendulum
     from .pendulum import zmp_of_motion as zmp_of_motion
     from .phases import WORK_COLUMNS as WORK_COLUMNS
     from .phases import fill_plan as fill_plan
+    from .plan_edits import excerpt as excerpt
+    from .plan_edits import shortened as shortened
+    from .plan_edits import slowed as slowed
+    from .plan_edits import without_repeats as without_repeats
+    from .plan_files import load_plan as load_plan
     from .polygon import convex_hull as convex_hull
     from .polygon import polygon_margin as polygon_margin
     from .polygon import rectangle as rectangle

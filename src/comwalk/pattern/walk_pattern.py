@@ -25,8 +25,9 @@ import numpy as np
 
 from ..errors import ParameterError, PlanError, checked_number
 from ..sides import Side
-from .footsteps import Foothold, FootstepPlan, Gait, excerpt, foot_poses, shortest_turn
+from .footsteps import Foothold, FootstepPlan, Gait, foot_poses, shortest_turn
 from .pendulum import Pendulum, zmp_of_motion
+from .plan_edits import excerpt
 from .polygon import convex_hull, polygon_margin, rectangle
 from .swing import FootMotion, minimum_jerk, resting_foot, swing_foot
 

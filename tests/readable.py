@@ -15,15 +15,13 @@ from typing import NamedTuple
 import numpy as np
 
 from comwalk.control.filters import low_pass_coefficient
+from comwalk.control.gains import PAPER_GAINS, Gains, Pair
 from comwalk.control.guard import Watch
 from comwalk.control.law import (
-    PAPER_GAINS,
     Controller,
     ControlOutput,
     ControlReference,
     ControlSettings,
-    Gains,
-    Pair,
     heading_correction,
 )
 from comwalk.control.loop import BodyTicker, Walkable, walk
@@ -46,7 +44,8 @@ from comwalk.errors import ParameterError, PlanError, checked_number
 from comwalk.pattern.polygon import share_between
 from comwalk.pattern.swing import minimum_jerk
 from comwalk.pattern.walk_pattern import Pattern, Phase, Reference
-from comwalk.robot.model import LEGS, Kinematics, Robot
+from comwalk.robot.kinematics import Kinematics
+from comwalk.robot.model import LEGS, Robot
 from comwalk.run import prepare
 from comwalk.runs.columns import Log
 from comwalk.sides import Side

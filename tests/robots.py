@@ -11,7 +11,8 @@ import pytest
 
 from comwalk.embedding.task import CartesianMotion, JointMotion, Task
 from comwalk.errors import ModelError
-from comwalk.robot.model import Kinematics, Robot, load_robot
+from comwalk.robot.kinematics import Kinematics
+from comwalk.robot.model import Robot, load_robot
 
 
 @cache

@@ -12,26 +12,23 @@ from hypothesis import strategies as st
 from robots import paper
 
 from comwalk.certificates.defaults import default_gait
-from comwalk.config import (
-    DanceConfig,
-    Given,
-    PatternConfig,
-    WalkConfig,
+from comwalk.config import DanceConfig, Given, PatternConfig, WalkConfig, parse_push
+from comwalk.config_files import (
     command_line,
     fields_of,
     make_config,
-    parse_push,
     read_table,
     table_of,
 )
-from comwalk.control.law import Gains
+from comwalk.control.gains import Gains
 from comwalk.control.settings import Control
 from comwalk.embedding.motion_checks import prepare_motion
+from comwalk.embedding.motion_files import is_motion_file
 from comwalk.errors import ComwalkError, MotionError, ParameterError, PlanError
 from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.walk_pattern import Phase, make_pattern
-from comwalk.setup import build_dance, build_walk, is_motion_file, robot_dance
+from comwalk.setup import build_dance, build_walk, robot_dance
 from comwalk.sides import Side
 from comwalk.walking.whole_body import WholeBody
 
@@ -309,7 +306,7 @@ def test_a_given_number_is_checked_alone():
 
 def other(monkeypatch, **changes):
     """Let the commands load a robot that is the paper's with some changes."""
-    from comwalk.robot import model as robot
+    from comwalk import robot
 
     changed = replace(paper(), **changes)
     monkeypatch.setattr(robot, "load_robot", lambda *a, **k: changed)
@@ -382,7 +379,7 @@ def test_a_dance_uses_the_joints_of_the_roles(monkeypatch):
 
 
 def test_a_profile_is_given_to_the_loader(monkeypatch):
-    from comwalk.robot import model as robot
+    from comwalk import robot
 
     def load(source, **options):
         assert options == {"stiffness": 1.0, "profile": "mine.toml"}

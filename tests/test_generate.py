@@ -10,7 +10,8 @@ from comwalk.cli.app import main
 from comwalk.errors import ParameterError, PlanError
 from comwalk.generate import Ranges, generate
 from comwalk.pattern.walk_pattern import Phase
-from comwalk.robot.model import Kinematics, load_robot
+from comwalk.robot.kinematics import Kinematics
+from comwalk.robot.model import load_robot
 
 ROBOT = load_robot("paper")
 QUICK = Ranges(steps=2, duration=4.0, period=0.04)

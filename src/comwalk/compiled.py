@@ -105,7 +105,7 @@ def _announce_compiling() -> None:
     """Have numba say once that compiling takes a while; loading stays quiet."""
     from numba.core import event
 
-    class Announcer(event.Listener):
+    class _Announcer(event.Listener):
         said = False
 
         def on_start(self, event: Any) -> None:
@@ -117,7 +117,7 @@ def _announce_compiling() -> None:
         def on_end(self, event: Any) -> None:
             pass
 
-    event.register("numba:compile", Announcer())
+    event.register("numba:compile", _Announcer())
 
 
 def __getattr__(name: str) -> Any:

@@ -1,14 +1,12 @@
 """From a configuration to what `simulate` takes: robot, pattern, motion, settings.
 
-The `build` functions put the parts together, with what suits the robot for all that the
-configuration leaves open, and check that they go together.
+What a configuration leaves open is chosen to suit the robot.
 """
 
 from __future__ import annotations
 
 import dataclasses
 import math
-import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,8 +21,8 @@ from .config import (
     IdentifyConfig,
     RobotConfig,
     WalkConfig,
-    _located,
 )
+from .config_files import _located
 from .control import (
     Control,
     Disturbance,
@@ -40,6 +38,7 @@ from .embedding import (
     builtin_motion,
     embed_in,
     fitted,
+    is_motion_file,
     load_motion,
     placed,
     prepare_motion,
@@ -66,8 +65,6 @@ if TYPE_CHECKING:
 
 
 _REST = 0.2  # time [s] in the home posture before and after an embedded motion
-
-
 _DANCE_TIME = 10.0  # [s]
 
 
@@ -501,15 +498,3 @@ def robot_dance(robot: Robot, name: str, options: Mapping[str, Any]) -> Motion:
     joints = {role: joint for role, (joint, _) in robot.roles.items()}
     motion = renamed(builtin_motion(name, **options), joints)
     return placed(motion, robot.home_angles, dict(robot.roles.values()))
-
-
-def is_motion_file(source: str) -> bool:
-    """Return whether a motion is given by its file, not by its name.
-
-    Args:
-        source: What the user wrote.
-
-    Returns:
-        Whether it has the ending or the look of a path.
-    """
-    return "/" in source or os.sep in source or bool(Path(source).suffix)

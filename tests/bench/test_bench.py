@@ -16,6 +16,15 @@ import pytest
 from PIL import Image
 
 from comwalk.bench import ledger as bench
+from comwalk.bench.cases import (
+    ABOUT,
+    OPEN_LOOP,
+    SPEED,
+    Ablation,
+    Case,
+    all_cases,
+    pushes,
+)
 from comwalk.bench.ledger import (
     Job,
     chosen,
@@ -30,15 +39,6 @@ from comwalk.bench.table import (
     draw_robot,
     tables_of_findings,
     write_report,
-)
-from comwalk.bench.trials import (
-    ABOUT,
-    OPEN_LOOP,
-    SPEED,
-    Ablation,
-    Case,
-    all_cases,
-    pushes,
 )
 from comwalk.cli import bench as bench_commands
 from comwalk.cli.app import main

@@ -11,29 +11,32 @@ import pytest
 from robots import paper
 
 from comwalk.bench import trials
-from comwalk.bench.trials import (
+from comwalk.bench.cases import (
     ABLATIONS,
     OPEN_LOOP,
-    REPORT_SEEDS,
-    TUNING_SEEDS,
     Case,
-    Limit,
     Shove,
     all_cases,
+    floors,
+    pushes,
+)
+from comwalk.bench.trials import (
+    REPORT_SEEDS,
+    TUNING_SEEDS,
+    Limit,
     fault_of,
     find_limit,
-    floors,
     gait_of,
     perform,
     prepare,
     push_of,
-    pushes,
     stop_and_go,
 )
 from comwalk.certificates.defaults import default_gait
 from comwalk.errors import ParameterError, PlanError
-from comwalk.pattern.footsteps import Gait, foot_poses, plan_steps
+from comwalk.pattern.footsteps import Gait, foot_poses
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import Phase, make_pattern
 from comwalk.walking.mujoco_plant import SimulatedRobot
 

@@ -12,12 +12,12 @@ import pytest
 from matplotlib.text import Text
 from PIL import Image
 
+from comwalk.certificates.bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.certificate import SoleRoom, certify
 from comwalk.certificates.defaults import default_control, default_pendulum, sole_room
 from comwalk.certificates.gain_check import sampled_loop_of
 from comwalk.certificates.ideal_loop import is_hurwitz, proof_condition
 from comwalk.certificates.published_gains import PUBLISHED
-from comwalk.certificates.sampled_bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.sampled_loop import SampledLoop, spectral_radius
 from comwalk.certificates.worst_case import worst_case
 from comwalk.cli.app import main
@@ -25,7 +25,7 @@ from comwalk.cli.certificate_table import (
     numbers_of_certificate,
     sections_of_certificate,
 )
-from comwalk.control.law import Gains
+from comwalk.control.gains import Gains
 from comwalk.errors import ParameterError
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.robot.model import load_robot

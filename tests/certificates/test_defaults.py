@@ -27,7 +27,8 @@ from comwalk.certificates.defaults import (
 )
 from comwalk.certificates.gain_check import check_control
 from comwalk.certificates.sampled_loop import SampledLoop, highest_cutoff
-from comwalk.control.law import ControlSettings, Gains
+from comwalk.control.gains import Gains
+from comwalk.control.law import ControlSettings
 from comwalk.control.settings import Control
 from comwalk.errors import ParameterError, PlanError
 from comwalk.pattern.footsteps import Gait

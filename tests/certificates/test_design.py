@@ -13,14 +13,14 @@ from hypothesis import strategies as st
 from comwalk.certificates.certificate import certify
 from comwalk.certificates.gain_check import check_gains
 from comwalk.certificates.gain_design import DesignGoal, design
-from comwalk.certificates.ideal_loop import damping, natural_frequency
+from comwalk.certificates.pole_placement import damping, natural_frequency
 from comwalk.certificates.sampled_loop import (
     SampledLoop,
     sampled_loop_matrix,
     spectral_radius,
 )
 from comwalk.certificates.stability_margins import gain_limit, margins, zmp_sensitivity
-from comwalk.control.law import Gains
+from comwalk.control.gains import Gains
 from comwalk.errors import ParameterError
 from comwalk.pattern.pendulum import Pendulum
 

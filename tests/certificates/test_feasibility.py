@@ -19,9 +19,10 @@ from comwalk.certificates.plan_check import (
 )
 from comwalk.embedding.motion import Motion, embed_in
 from comwalk.errors import ModelError, PlanError
-from comwalk.pattern.footsteps import Gait, foot_poses, plan_steps
+from comwalk.pattern.footsteps import Gait, foot_poses
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.plan_edits import excerpt, shortened, slowed, without_repeats
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.self_collision import CLEARANCE, SelfCollision
 from comwalk.run import simulate

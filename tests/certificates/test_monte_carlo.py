@@ -8,17 +8,47 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comwalk.certificates.ensemble import errors_under, monte_carlo, random_disturbance
-from comwalk.certificates.sampled_bounds import sampled_weights, sampled_worst_case
+from comwalk.certificates.bounds import sampled_weights, sampled_worst_case
+from comwalk.certificates.ensemble import (
+    TURN_SHARE,
+    _seeds,
+    errors_under,
+    fill_noise,
+    monte_carlo,
+)
 from comwalk.certificates.sampled_loop import SampledLoop
 from comwalk.certificates.worst_case import simulate_error_dynamics, worst_case
-from comwalk.control.law import ControlSettings, Gains, WalkingController
+from comwalk.control.gains import Gains
+from comwalk.control.law import ControlSettings, WalkingController
 from comwalk.control.plant import Command, PendulumPlant
 from comwalk.errors import ParameterError
 from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum
 
 K_P, K_C = (3.0, 1.8), (6.6, 3.8)
 NOISE = {"a": 0.05, "b": 0.5}
+
+
+def random_disturbance(
+    robot: int, axis: int, *, a: float, b: float, dt: float, ticks: int, seed: int = 0
+) -> np.ndarray:
+    """Return the disturbance that one robot of `monte_carlo` gets.
+
+    Args:
+        robot: Number of the robot, from 0.
+        axis: 0 for x, 1 for y.
+        a: Bound on |eps| [m/s].
+        b: Bound on the rate of eps [m/s^2].
+        dt: Time of a tick [s].
+        ticks: How many.
+        seed: As given to `monte_carlo`.
+
+    Returns:
+        eps at the ticks [m/s], (ticks + 1,): from 0 on.
+    """
+    lane = 2 * robot + axis
+    found, state = np.zeros(ticks + 1), _seeds(seed, lane + 1)[lane]
+    fill_noise(found, state, a, b * dt, np.uint32(TURN_SHARE * 2**32))
+    return found
 
 
 @settings(max_examples=10, deadline=None)

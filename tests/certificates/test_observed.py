@@ -8,13 +8,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from comwalk.certificates.bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.gain_check import sampled_loop_of
-from comwalk.certificates.sampled_bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.sampled_loop import SampledLoop
 from comwalk.certificates.validation import observe
 from comwalk.certificates.worst_case import simulate_error_dynamics, worst_case
 from comwalk.cli.app import main
-from comwalk.control.law import ControlSettings, Gains
+from comwalk.control.gains import Gains
+from comwalk.control.law import ControlSettings
 from comwalk.control.plant import random_bounded, sampled_disturbance
 from comwalk.control.settings import Control
 from comwalk.errors import RunError

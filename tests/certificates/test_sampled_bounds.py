@@ -7,10 +7,11 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from comwalk.certificates import sampled_bounds as b
+from comwalk.certificates import bounds as b
 from comwalk.certificates.sampled_loop import SampledLoop
 from comwalk.certificates.worst_case import worst_disturbance
-from comwalk.control.law import ControlSettings, Gains, WalkingController
+from comwalk.control.gains import Gains
+from comwalk.control.law import ControlSettings, WalkingController
 from comwalk.control.plant import (
     Command,
     PendulumPlant,

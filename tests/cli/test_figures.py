@@ -10,8 +10,9 @@ from PIL import Image
 
 from comwalk.cli import figures
 from comwalk.errors import RunError
-from comwalk.pattern.footsteps import Gait, plan_steps
+from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern, transfer_zmp
 from comwalk.setup import build_dance, build_walk
 

@@ -11,11 +11,11 @@ import pytest
 
 from comwalk.cli.live import LiveWalk, Pacer
 from comwalk.config import Given, WalkConfig
+from comwalk.control.gains import Gains
 from comwalk.control.guard import End
-from comwalk.control.law import Gains
 from comwalk.errors import ParameterError, PlanError
 from comwalk.pattern.footsteps import Gait
-from comwalk.run import replay
+from comwalk.replay import replay
 from comwalk.setup import build_walk
 
 SHORT = {"stand_time": 0.1, "start_time": 0.4, "stop_time": 0.4}

@@ -14,7 +14,8 @@ from comwalk.certificates import ideal_loop as stability
 from comwalk.certificates import sampled_loop as sampled
 from comwalk.certificates.sampled_loop import SampledLoop
 from comwalk.control import law as control
-from comwalk.control.law import PAPER_GAINS, ControlOutput, ControlSettings, Gains
+from comwalk.control.gains import PAPER_GAINS, Gains
+from comwalk.control.law import ControlOutput, ControlSettings
 from comwalk.errors import ParameterError
 from comwalk.pattern.pendulum import Pendulum
 

@@ -11,7 +11,8 @@ import scipy.integrate
 from comwalk.certificates import ideal_loop as stability
 from comwalk.certificates import sampled_loop as sampled
 from comwalk.control import plant as module
-from comwalk.control.law import ControlSettings, Gains, WalkingController
+from comwalk.control.gains import Gains
+from comwalk.control.law import ControlSettings, WalkingController
 from comwalk.control.plant import Command, PendulumPlant, Plant
 from comwalk.errors import ComwalkError, ParameterError
 from comwalk.pattern.pendulum import Pendulum

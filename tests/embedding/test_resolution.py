@@ -21,7 +21,7 @@ from comwalk.embedding.task import (
     sigma_min,
 )
 from comwalk.errors import ModelError, ParameterError
-from comwalk.robot.model import Kinematics
+from comwalk.robot.kinematics import Kinematics
 
 ROBOTS = {"paper": paper, "jvrc1": jvrc}
 CARTESIAN = {

@@ -21,10 +21,12 @@ from comwalk.control.sensing import Contact, zmp_from_wrenches
 from comwalk.embedding.rotations import rotate_twist, rotation_log, shift
 from comwalk.embedding.solver import Resolver
 from comwalk.embedding.task import CartesianMotion, Damping, JointMotion
-from comwalk.pattern.footsteps import Gait, plan_steps
+from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import Phase, make_pattern
-from comwalk.robot.model import Kinematics, Robot
+from comwalk.robot.kinematics import Kinematics
+from comwalk.robot.model import Robot
 from comwalk.run import Run, simulate
 
 ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED

@@ -16,12 +16,8 @@ from robots import jvrc, paper, posture_of, random_configuration, random_task
 
 import comwalk
 from comwalk.certificates.ideal_loop import error_dynamics, zmp_error_from_com
-from comwalk.control.law import (
-    PAPER_GAINS,
-    ControlSettings,
-    WalkingController,
-    walking_control,
-)
+from comwalk.control.gains import PAPER_GAINS
+from comwalk.control.law import ControlSettings, WalkingController, walking_control
 from comwalk.control.plant import PAPER_MASS, Command, PendulumPlant
 from comwalk.embedding.rotations import shift, skew
 from comwalk.embedding.task import (
@@ -32,10 +28,11 @@ from comwalk.embedding.task import (
     motion_of,
     resolve_by_elimination,
 )
-from comwalk.pattern.footsteps import PAPER_GAIT, plan_steps
+from comwalk.pattern.footsteps import PAPER_GAIT
 from comwalk.pattern.pendulum import PAPER_PENDULUM, zmp_of_motion
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import Phase, make_pattern, transfer_zmp
-from comwalk.robot.model import Kinematics
+from comwalk.robot.kinematics import Kinematics
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "paper.md").read_text(encoding="utf-8")

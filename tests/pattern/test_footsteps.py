@@ -11,19 +11,18 @@ from hypothesis import strategies as st
 
 from comwalk.errors import ParameterError, PlanError
 from comwalk.pattern.footsteps import (
-    MAX_TOE,
     PAPER_GAIT,
     Foothold,
     Footstep,
     FootstepPlan,
     Gait,
     foot_poses,
-    plan_segments,
-    plan_steps,
     shortest_turn,
 )
+from comwalk.pattern.placement import MAX_TOE
 from comwalk.pattern.plan_files import load_plan
 from comwalk.pattern.polygon import convex_hull, polygon_margin, rectangle
+from comwalk.pattern.regular_steps import plan_segments, plan_steps
 from comwalk.sides import Side
 
 LEFT, RIGHT = Foothold(0.0, 0.09), Foothold(0.0, -0.09)

@@ -19,12 +19,11 @@ from comwalk.pattern.footsteps import (
     FootstepPlan,
     Gait,
     foot_poses,
-    plan_segments,
-    plan_steps,
     shortest_turn,
 )
 from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum, state_matrices
 from comwalk.pattern.polygon import polygon_margin
+from comwalk.pattern.regular_steps import plan_segments, plan_steps
 from comwalk.pattern.walk_pattern import (
     Phase,
     coefficients,

@@ -10,17 +10,11 @@ from test_lookup import GAITS, STYLES
 
 from comwalk.errors import PlanError
 from comwalk.pattern import records as rows
-from comwalk.pattern.footsteps import (
-    Foothold,
-    Footstep,
-    FootstepPlan,
-    Gait,
-    plan_segments,
-    plan_steps,
-)
+from comwalk.pattern.footsteps import Foothold, Footstep, FootstepPlan, Gait
 from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum
 from comwalk.pattern.phases import plan_table
 from comwalk.pattern.reference import fill_reference
+from comwalk.pattern.regular_steps import plan_segments, plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.sides import Side
 

@@ -13,10 +13,10 @@ from scipy.optimize import linear_sum_assignment
 
 from comwalk.errors import ModelError
 from comwalk.robot.anatomy import find_anatomy
+from comwalk.robot.annotated import _best_pairs
 from comwalk.robot.annotation import compile_model
 from comwalk.robot.loaders.sources import read_model
 from comwalk.robot.model import load_robot
-from comwalk.robot.roles import _best_pairs
 from comwalk.sides import Side
 
 LEFT, RIGHT = Side.LEFT, Side.RIGHT

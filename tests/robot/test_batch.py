@@ -9,7 +9,7 @@ from test_fast import HANDS
 
 from comwalk.errors import ParameterError
 from comwalk.robot.compiled_solver import BatchResolver, FastResolver
-from comwalk.robot.model import Kinematics
+from comwalk.robot.kinematics import Kinematics
 
 
 def test_each_is_resolved_as_by_itself():

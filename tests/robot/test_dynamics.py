@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from robots import paper, random_configuration
 
 from comwalk.robot.dynamics import InverseDynamics
-from comwalk.robot.model import Kinematics
+from comwalk.robot.kinematics import Kinematics
 from comwalk.sides import Side
 
 seeds = st.integers(0, 2**32 - 1)

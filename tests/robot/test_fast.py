@@ -13,8 +13,9 @@ from comwalk.embedding.task import ALL_ROWS, CartesianMotion, Damping, motion_of
 from comwalk.handles import handle_of
 from comwalk.robot.compiled_robot import flatten
 from comwalk.robot.compiled_solver import FastResolver, can_resolve
+from comwalk.robot.kinematics import Kinematics
 from comwalk.robot.loaders.sources import ROBOTS
-from comwalk.robot.model import Kinematics, load_robot
+from comwalk.robot.model import load_robot
 
 LEGS = {"left_leg": ALL_ROWS, "right_leg": ALL_ROWS}
 HANDS = LEGS | {"left_arm": ALL_ROWS, "right_arm": ALL_ROWS}

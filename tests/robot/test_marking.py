@@ -12,8 +12,9 @@ from models import LEG, urdf, write
 
 from comwalk.certificates.defaults import walk_pattern
 from comwalk.control.settings import SimulatorSettings
+from comwalk.robot.kinematics import Kinematics
 from comwalk.robot.loaders.sources import read_model
-from comwalk.robot.model import Kinematics, load_robot
+from comwalk.robot.model import load_robot
 from comwalk.robot.servos import LEG_STIFFNESS
 from comwalk.run import simulate
 from comwalk.sides import Side

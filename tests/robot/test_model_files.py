@@ -567,7 +567,9 @@ def test_an_unknown_name_is_answered_by_the_nearest(monkeypatch):
 
 
 def test_a_package_that_is_missing_is_named(monkeypatch):
-    monkeypatch.setattr("comwalk.model_files.package_folders", lambda name: ())
+    monkeypatch.setattr(
+        "comwalk.robot.loaders.sources.package_folders", lambda name: ()
+    )
     monkeypatch.setattr(sys, "path", [])
     monkeypatch.setattr(sys, "prefix", "/nowhere")
     for name in ("jvrc1", "talos", "mjlab_g1"):
@@ -584,7 +586,7 @@ def test_collections_are_asked_and_their_failures_are_one_line(tmp_path, monkeyp
         return path
 
     zoo = (("zoo", lambda: {"robot_in_zoo", "offline"}, fetch),)
-    monkeypatch.setattr("comwalk.model_files._COLLECTIONS", zoo)
+    monkeypatch.setattr("comwalk.robot.loaders.sources._COLLECTIONS", zoo)
     assert read_model("robot_in_zoo").name == "robot_in_zoo"
     with pytest.raises(
         ModelError, match=r"offline.*could not be downloaded: no network"

@@ -11,7 +11,8 @@ from models import LEG, write
 
 from comwalk.certificates.description import describe
 from comwalk.errors import ModelError
-from comwalk.robot.model import Kinematics, load_robot
+from comwalk.robot.kinematics import Kinematics
+from comwalk.robot.model import load_robot
 from comwalk.robot.posture import BEND, LEAST_BEND
 from comwalk.sides import Side
 

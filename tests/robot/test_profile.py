@@ -17,7 +17,8 @@ from robots import paper
 
 from comwalk.certificates.description import profile_of
 from comwalk.errors import ComwalkError, ModelError, ParameterError, RunError
-from comwalk.robot.model import Kinematics, load_robot
+from comwalk.robot.kinematics import Kinematics
+from comwalk.robot.model import load_robot
 from comwalk.robot.profile import (
     Limits,
     Profile,

@@ -16,8 +16,9 @@ from comwalk.errors import ModelError, ParameterError
 from comwalk.pattern.footsteps import Foothold, FootstepPlan
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.walk_pattern import make_pattern
+from comwalk.robot.kinematics import Kinematics
 from comwalk.robot.loaders.sources import ROBOTS
-from comwalk.robot.model import LEGS, Kinematics, load_robot
+from comwalk.robot.model import LEGS, load_robot
 from comwalk.sides import Side
 from comwalk.walking.mujoco_plant import build_scene
 from comwalk.walking.whole_body import WholeBody

@@ -15,17 +15,13 @@ from comwalk.control.guard import End, Outcome
 from comwalk.embedding.dances import builtin_motion
 from comwalk.embedding.motion import embed_in
 from comwalk.errors import ComwalkError, RunError
-from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait, plan_steps
+from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import Phase, coefficients, make_pattern, transfer_zmp
 from comwalk.run import Run, simulate_pendulum
-from comwalk.views.matplotlib_figures import (
-    Row,
-    plot_arms,
-    plot_dance,
-    plot_pattern,
-    plot_run,
-)
+from comwalk.views.matplotlib_figures import Row, plot_arms, plot_dance, plot_run
+from comwalk.views.pattern_figure import plot_pattern
 
 
 @pytest.fixture(scope="module")

@@ -12,8 +12,9 @@ import pytest
 from PIL import Image
 
 from comwalk.errors import ComwalkError, ParameterError, RunError
-from comwalk.pattern.footsteps import Gait, plan_steps
+from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import Phase, make_pattern
 from comwalk.robot.model import load_robot
 from comwalk.run import simulate, simulate_pendulum
@@ -235,6 +236,6 @@ class TestBackend:
 
 
 def test_choice_needs_no_mujoco():
-    """`comwalk.gl` can be imported before MuJoCo."""
-    code = "import sys, comwalk.gl; sys.exit('mujoco' in sys.modules)"
+    """`comwalk.views.gl` can be imported before MuJoCo."""
+    code = "import sys, comwalk.views.gl; sys.exit('mujoco' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

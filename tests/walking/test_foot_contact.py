@@ -18,12 +18,13 @@ from comwalk.control.law import LAW_STATE
 from comwalk.control.plant import Sensors
 from comwalk.control.settings import BodySettings, SimulatorSettings
 from comwalk.embedding.kinematic_records import LINK, SITE, Flat
-from comwalk.pattern.footsteps import Gait, plan_steps
+from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.records import REFERENCE
 from comwalk.pattern.reference import record_of
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import Phase, Reference, make_pattern
-from comwalk.robot.model import Kinematics
+from comwalk.robot.kinematics import Kinematics
 from comwalk.run import simulate
 from comwalk.sides import Side
 from comwalk.walking import foot_contact as kernels

@@ -11,8 +11,9 @@ from robots import paper
 
 from comwalk.control.guard import End, Watch
 from comwalk.control.settings import Push, SimulatorSettings
-from comwalk.pattern.footsteps import Gait, plan_steps
+from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import PAPER_PENDULUM
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.run import Run, simulate
 from comwalk.runs.columns import Log

@@ -17,10 +17,12 @@ from robots import paper
 from comwalk.control.plant import Command
 from comwalk.control.settings import Push, SimulatorSettings
 from comwalk.errors import ParameterError
-from comwalk.pattern.footsteps import Gait, plan_steps
+from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
-from comwalk.run import replay, simulate
+from comwalk.replay import replay
+from comwalk.run import simulate
 from comwalk.sides import Side
 from comwalk.walking.mujoco_plant import SimulatedRobot, build_scene, trunk_body
 from comwalk.walking.terrain import random_terrain

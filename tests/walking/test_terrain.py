@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from comwalk.errors import PlanError
-from comwalk.pattern.footsteps import Gait, foot_poses, plan_steps
+from comwalk.pattern.footsteps import Gait, foot_poses
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.walking.terrain import CELL, LEAST_SHARE, random_terrain
 
 WALK = plan_steps(Gait(), 20)

@@ -13,16 +13,18 @@ from robots import jvrc, paper, robot_of
 from scipy.spatial.transform import Rotation
 
 from comwalk.certificates.defaults import default_control, walk_pattern
+from comwalk.control.gains import Gains
 from comwalk.control.guard import End, Watch
-from comwalk.control.law import ControlSettings, Gains, WalkingController
+from comwalk.control.law import ControlSettings, WalkingController
 from comwalk.control.plant import Sensors
 from comwalk.control.settings import BodySettings, Control, Push, SimulatorSettings
 from comwalk.embedding.dances import builtin_motion
 from comwalk.embedding.motion import EmbeddedMotion, embed_in
 from comwalk.embedding.motion_edits import placed, renamed
 from comwalk.embedding.rotations import level_error, rotation_yaw
-from comwalk.pattern.footsteps import Gait, plan_steps
+from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import PAPER_PENDULUM
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import Pattern, make_pattern
 from comwalk.robot.model import Robot, load_robot
 from comwalk.walking.mujoco_plant import SimulatedRobot

@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from robots import paper
 
+from comwalk.control.gains import Gains
 from comwalk.control.guard import End
-from comwalk.control.law import ControlOutput, Gains, WalkingController
+from comwalk.control.law import ControlOutput, WalkingController
 from comwalk.control.loop import walk
 from comwalk.control.plant import Sensors, random_bounded
 from comwalk.control.settings import BodySettings, Control, Push, SimulatorSettings
@@ -19,11 +20,13 @@ from comwalk.embedding.dances import builtin_motion
 from comwalk.embedding.motion import embed_in
 from comwalk.embedding.motion_checks import prepare_motion
 from comwalk.errors import ModelError, ParameterError, PlanError, RunError
-from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait, plan_steps
+from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import Phase, make_pattern
+from comwalk.replay import replay
 from comwalk.robot.model import load_robot
-from comwalk.run import replay, simulate, simulate_pendulum
+from comwalk.run import simulate, simulate_pendulum
 from comwalk.runs.summary import sole_margins
 from comwalk.walking.whole_body import WholeBody
 

@@ -9,13 +9,14 @@ import pytest
 from robots import paper
 
 from comwalk.certificates.defaults import walk_pattern
-from comwalk.control.law import Gains, WalkingController
+from comwalk.control.gains import Gains
+from comwalk.control.law import WalkingController
 from comwalk.control.plant import Sensors
 from comwalk.control.settings import BodySettings, Control, SimulatorSettings
 from comwalk.pattern.footsteps import Foothold, FootstepPlan
 from comwalk.pattern.pendulum import PAPER_PENDULUM
 from comwalk.pattern.walk_pattern import Pattern, Phase, make_pattern
-from comwalk.robot.model import Kinematics
+from comwalk.robot.kinematics import Kinematics
 from comwalk.run import simulate
 from comwalk.walking.whole_body import WholeBody
 

@@ -5,6 +5,14 @@ from typing import TYPE_CHECKING
 from ..lazy import exports_of
 
 if TYPE_CHECKING:
+    from .cases import ABLATIONS as ABLATIONS
+    from .cases import DEFAULT as DEFAULT
+    from .cases import OPEN_LOOP as OPEN_LOOP
+    from .cases import PUSH_SHARES as PUSH_SHARES
+    from .cases import Ablation as Ablation
+    from .cases import Case as Case
+    from .cases import all_cases as all_cases
+    from .cases import pushes as pushes
     from .ledger import Job as Job
     from .ledger import chosen as chosen
     from .ledger import jobs_of as jobs_of
@@ -13,16 +21,8 @@ if TYPE_CHECKING:
     from .table import Findings as Findings
     from .table import tables_of_findings as tables_of_findings
     from .table import write_report as write_report
-    from .trials import ABLATIONS as ABLATIONS
-    from .trials import DEFAULT as DEFAULT
-    from .trials import OPEN_LOOP as OPEN_LOOP
-    from .trials import PUSH_SHARES as PUSH_SHARES
     from .trials import REPORT_SEEDS as REPORT_SEEDS
     from .trials import TUNING_SEEDS as TUNING_SEEDS
-    from .trials import Ablation as Ablation
-    from .trials import Case as Case
-    from .trials import all_cases as all_cases
     from .trials import perform as perform
-    from .trials import pushes as pushes
 
 __getattr__, __dir__ = exports_of(__name__, __file__)

@@ -22,7 +22,8 @@ from typing import Any
 from ..errors import ParameterError, RunError
 from ..run import plain
 from ..runs import versions
-from .trials import DEFAULT, OPEN_LOOP, Ablation, Case, perform
+from .cases import DEFAULT, OPEN_LOOP, Ablation, Case
+from .trials import perform
 
 _SHOWN = ("bench", "cli", "views")  # packages that change no result
 

@@ -10,8 +10,9 @@ from pathlib import Path
 from ..errors import ComwalkError, RunError
 from ..robot import load_robot
 from ..walking import build_scene
+from .cases import DEFAULT, DISTURBED, PUSH_WAYS, WALKS, Case
 from .ledger import Job, Result
-from .trials import DEFAULT, DISTURBED, PUSH_WAYS, WALKS, Case, prepare
+from .trials import prepare
 
 
 @dataclass(frozen=True, eq=False)

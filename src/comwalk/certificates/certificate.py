@@ -16,18 +16,18 @@ from typing import NamedTuple
 from ..control import Gains, Pair
 from ..errors import ParameterError, checked_number
 from ..pattern import Pendulum
-from .bounds import PaperBound, ellipsoid_bound, invariant_set, paper_bound
-from .gain_check import check_gains
-from .ideal_loop import (
-    Output,
-    damping,
-    is_hurwitz,
-    natural_frequency,
-    poles,
-    proof_condition,
-    remark_1,
+from .bounds import (
+    PaperBound,
+    SampledWorstCase,
+    ellipsoid_bound,
+    invariant_set,
+    paper_bound,
+    sampled_weights,
+    sampled_worst_case,
 )
-from .sampled_bounds import SampledWorstCase, sampled_weights, sampled_worst_case
+from .gain_check import check_gains
+from .ideal_loop import Output, is_hurwitz, proof_condition, remark_1
+from .pole_placement import damping, natural_frequency, poles
 from .sampled_loop import SampledLoop, highest_cutoff, spectral_radius
 from .stability_margins import Margins, decay_rate, largest_zmp_gain, margins
 from .worst_case import WorstCase, com_peak_gain, worst_case, zmp_peak_gain

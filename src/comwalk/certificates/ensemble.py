@@ -1,12 +1,9 @@
 r"""Many robots of the simplified model at once, Eqs. (30)-(36), each disturbed alone.
 
-For thousands of gains, or for millions of disturbances of the same gains: each robot
-runs the ideal loop of Theorem 1, or the loop as it is sampled, by its exact response
-over a period, and only its largest errors are kept. The disturbance is as bad as noise
-can be: it rises or falls at the full rate b, turns at random, and stays within a.
-
-A million random disturbances do not replace `stability.worst_case`; they show how near
-to it one comes by chance.
+Each robot runs the ideal loop of Theorem 1, or the sampled one by its exact response
+over a period; only its largest errors are kept. The disturbance is as bad as noise can
+be: it rises or falls at the full rate b, turns at random, and stays within a.
+A million of them do not replace `worst_case`; they show how near chance comes to it.
 """
 
 from __future__ import annotations
@@ -144,29 +141,6 @@ def errors_under(
     return _errors(out, k_p)
 
 
-def random_disturbance(
-    robot: int, axis: int, *, a: float, b: float, dt: float, ticks: int, seed: int = 0
-) -> np.ndarray:
-    """Return the disturbance that one robot of `monte_carlo` gets.
-
-    Args:
-        robot: Number of the robot, from 0.
-        axis: 0 for x, 1 for y.
-        a: Bound on |eps| [m/s].
-        b: Bound on the rate of eps [m/s^2].
-        dt: Time of a tick [s].
-        ticks: How many.
-        seed: As given to `monte_carlo`.
-
-    Returns:
-        eps at the ticks [m/s], (ticks + 1,): from 0 on.
-    """
-    lane = 2 * robot + axis
-    found, state = np.zeros(ticks + 1), _seeds(seed, lane + 1)[lane]
-    fill_noise(found, state, a, b * dt, np.uint32(TURN_SHARE * 2**32))
-    return found
-
-
 def _gains(
     k_p: np.ndarray | float, k_c: np.ndarray | float, robots: int | None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -189,17 +163,14 @@ def _gains(
 
 
 def _seeds(seed: int, count: int) -> np.ndarray:
-    """Return the state of the random numbers of each axis; none is 0."""
     return np.random.default_rng(seed).integers(1, 2**32, count, dtype=np.uint32)
 
 
 def _padded(values: np.ndarray) -> np.ndarray:
-    """Return values of whole groups of lanes; the last one is repeated."""
     return np.pad(values, (0, -len(values) % LANES), mode="edge")
 
 
 def _errors(out: np.ndarray, k_p: np.ndarray) -> LargestErrors:
-    """Return the errors of the robots, without the padding."""
     com, zmp = out[:, : k_p.size].reshape(2, *k_p.shape)
     return LargestErrors(com, zmp)
 
@@ -228,7 +199,6 @@ class _System(NamedTuple):
 
     @classmethod
     def of(cls, pendulum: Pendulum, loop: SampledLoop) -> _System:
-        """Return the system of a loop."""
         x, (tick, alpha) = loop_plant(pendulum, loop), tick_response(pendulum, loop)
         digital = float(loop.analog_cutoff is None)
         return cls(

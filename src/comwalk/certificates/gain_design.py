@@ -19,8 +19,8 @@ import numpy as np
 from ..control import Gains
 from ..errors import ParameterError, checked_number, nearest
 from ..pattern import Pendulum
-from .ideal_loop import damping, design_gains
-from .sampled_bounds import sampled_weights, sampled_worst_case
+from .bounds import sampled_weights, sampled_worst_case
+from .pole_placement import damping, design_gains
 from .sampled_loop import SampledLoop, highest_cutoff
 from .stability_margins import gain_limit, zmp_sensitivity
 

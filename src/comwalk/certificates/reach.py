@@ -1,14 +1,21 @@
-"""How long a robot's legs must be to reach the footsteps of a pattern."""
+"""What legs reach, and what the whole body does while it follows a plan."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
+from collections.abc import Iterator
+from typing import NamedTuple
+
 import numpy as np
 
-from ..embedding import rotation_yaw
+from ..control import BodySettings, ControlOutput
+from ..embedding import EmbeddedMotion, rotation_yaw
 from ..errors import ModelError
 from ..pattern import Pattern, Phase
 from ..robot import LEGS, Kinematics, Robot
 from ..sides import Side
+from ..walking import WholeBody
 
 REACH_SHARE = 0.99
 """Share of a leg's whole length that a plan may use [-]."""
@@ -74,3 +81,78 @@ def _needed(
     where = foot.position + rotation_yaw(foot.yaw) @ ankle
     R = rotation_yaw(reference.heading)
     return float(np.linalg.norm(reference.com + R @ hip - where))
+
+
+_ON_ONE_FOOT = {Phase.SINGLE_LEFT: 1.0, Phase.SINGLE_RIGHT: 0.0}
+
+
+class _Sweep(NamedTuple):
+    """The reference of the whole body at n times."""
+
+    times: np.ndarray  # (n,) [s]
+    phases: np.ndarray  # (n,) index of the phase
+    configurations: np.ndarray  # (n, 7 + joints)
+    velocities: np.ndarray  # (n, 6 + joints), world axes
+    loads: np.ndarray  # (n,) share of the left foot, None on two feet
+    jacobians: np.ndarray  # (n, legs, 6, 6)
+
+
+def _period(pattern: Pattern, period: float) -> float:
+    """Return the time between samples, so that swings have enough of them."""
+    swings = [step.single_support for step in pattern.plan.steps]
+    return min([period, *(time / _SAMPLES_PER_SWING for time in swings)])
+
+
+def _times(
+    pattern: Pattern, motion: EmbeddedMotion | None, dt: float
+) -> Iterator[tuple[float, int]]:
+    """Yield times, and the index of the phase; few where nothing moves."""
+    for i, span in enumerate(pattern.phases):
+        still = span.phase is Phase.STAND and motion is None
+        first = math.ceil(span.start / dt - 1e-9)
+        last = math.ceil((span.start + span.duration) / dt - 1e-9)
+        last = min(last, first + _STANDING) if still else last
+        yield from ((k * dt, i) for k in range(first, last))
+
+
+def _sweep(
+    robot: Robot, pattern: Pattern, motion: EmbeddedMotion | None, dt: float
+) -> _Sweep:
+    """Follow the reference, without joint limits, until a posture is singular.
+
+    The whole body steps by its rates (Euler); half of their change makes it a step of
+    second order (Adams-Bashforth).
+    """
+    far = np.full(len(robot.joints), np.inf)
+    free = dataclasses.replace(robot, lower=-far, upper=far, speed=far)
+    settings = BodySettings(deflection_compensation=False, imu=False, landing=0.0)
+    body = WholeBody(free, dt, motion, settings)
+    body.start(pattern.at(0.0))
+    legs = [limb for limb in robot.limbs if limb.name in LEGS.values()]
+    kinematics, rows = Kinematics(robot, LEGS.values()), []
+    last = np.zeros(6 + len(far))
+    for time, phase in _times(pattern, motion, dt):
+        reference, q = pattern.at(time), body.configuration.copy()
+        control = dataclasses.replace(
+            ControlOutput.still(reference), u=reference.com_velocity[:2]
+        )
+        body.act(control, reference)
+        v = body.velocity.copy()
+        lead, last = 0.5 * (v - last), v
+        body.configuration = kinematics.integrate(body.configuration, lead, dt)
+        J = kinematics.posture(q).jacobian
+        blocks = [J[3 + 6 * i : 9 + 6 * i, x.columns] for i, x in enumerate(legs)]
+        damped = body.resolution is not None and body.resolution.damped
+        if damped:  # its rates jump: no acceleration is made of them
+            phase = -1
+        load = _ON_ONE_FOOT.get(reference.phase)
+        rows.append((time, phase, q, v, load, blocks))
+        if damped:
+            break
+    return _Sweep(*(np.array(column) for column in zip(*rows, strict=True)))
+
+
+_SAMPLES_PER_SWING = 20
+
+
+_STANDING = 5  # samples of a phase in which nothing moves

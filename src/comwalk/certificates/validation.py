@@ -38,8 +38,8 @@ from ..control import (
 from ..errors import ParameterError, RunError
 from ..pattern import Pendulum
 from ..runs import read_columns, read_summary
+from .bounds import sampled_weights, sampled_worst_case
 from .gain_check import sampled_loop_of
-from .sampled_bounds import sampled_weights, sampled_worst_case
 from .sampled_loop import SampledLoop
 from .worst_case import worst_case
 

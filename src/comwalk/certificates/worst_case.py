@@ -9,7 +9,8 @@ import numpy as np
 
 from ..errors import ParameterError, checked_number
 from ..pattern import Pendulum
-from .ideal_loop import Output, _check_gains, _second_order, poles, zmp_error_from_com
+from .ideal_loop import Output, _check_gains, zmp_error_from_com
+from .pole_placement import _second_order, poles
 
 
 def frequency_response(

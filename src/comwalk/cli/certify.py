@@ -9,7 +9,8 @@ from typing import Annotated, Any
 from cyclopts import Parameter
 
 from ..certificates import Certificate
-from ..config import CertifyConfig, make_config
+from ..config import CertifyConfig
+from ..config_files import make_config
 from ..errors import ParameterError
 from ..setup import build_certificate
 from .certificate_table import (

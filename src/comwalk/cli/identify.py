@@ -13,10 +13,11 @@ from rich.table import Table
 from ..certificates import default_control
 from ..certificates.identification import Identified
 from ..certificates.identification import identify as run_experiment
-from ..config import IdentifyConfig, make_config
+from ..config import IdentifyConfig
+from ..config_files import make_config
 from ..run import prepare_folder
 from ..setup import build_identify
-from .identification_table import facts_of, loop_table
+from .certificate_table import facts_of, loop_table
 from .options import flags_of, given_flags, with_flags
 from .progress import share_bar
 

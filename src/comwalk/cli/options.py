@@ -19,7 +19,7 @@ from typing import Annotated, Any, get_args, get_origin
 
 from cyclopts import Group, Parameter
 
-from ..config import fields_of, part_of
+from ..config_files import fields_of, part_of
 from ..errors import ParameterError
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import json
 import sys
 from collections.abc import Callable, Generator, Iterator
 from contextlib import contextmanager
@@ -13,23 +12,22 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.table import Table
 
-from ..config import (
-    DanceConfig,
-    PatternConfig,
-    RobotConfig,
-    WalkConfig,
-    command_line,
-    make_config,
-    table_of,
+from ..config import DanceConfig, PatternConfig, RobotConfig, WalkConfig
+from ..config_files import command_line, make_config, table_of
+from ..embedding import (
+    BUILTIN_MOTIONS,
+    Motion,
+    builtin_motion,
+    is_motion_file,
+    load_motion,
 )
-from ..embedding import BUILTIN_MOTIONS, Motion, builtin_motion, load_motion
 from ..errors import ModelError, ParameterError
 from ..pattern import coefficients, make_pattern, plan_steps, transfer_zmp
-from ..setup import Setup, build_dance, build_walk, is_motion_file
+from ..setup import Setup, build_dance, build_walk
 from ..views import HOST, PORT, Address, outcome_text
 from .options import HostFlag, OpenFlag, PortFlag, flags_of, given_flags, with_flags
+from .output import _number, _plain, _print, _print_json, _print_rows, _print_table
 from .progress import time_bar
 
 if TYPE_CHECKING:
@@ -307,7 +305,7 @@ def replay(
         summary = read_summary(run)
         _print_json(summary) if json else _print_summary(summary, run)
         return 0
-    from ..run import replay as play
+    from ..replay import replay as play
 
     result = dataclasses.asdict(play(run))
     differences = (result["position_difference"], result["velocity_difference"])
@@ -416,33 +414,6 @@ def _status(quiet: bool) -> Generator[Callable[[str], None] | None]:
         yield status.update
 
 
-def _print(text: str) -> None:
-    """Print a line as it is."""
-    print(text)
-
-
-def _print_json(value: Any) -> None:
-    """Print one JSON value."""
-    print(json.dumps(value, indent=2, allow_nan=False))
-
-
-def _print_rows(rows: list[dict[str, Any]], as_json: bool) -> None:
-    """Print dictionaries of the same keys as a table, or as JSON."""
-    if as_json:
-        _print_json(rows)
-        return
-    cells = [tuple(_cell(v) for v in row.values()) for row in rows]
-    _print_table(cells, tuple(rows[0]))
-
-
-def _print_table(rows: list[tuple], head: tuple[str, ...] = ("", "")) -> None:
-    """Print a table without lines."""
-    table = Table(*head, box=None, show_header=any(head), pad_edge=False)
-    for row in rows:
-        table.add_row(*row)
-    Console(markup=False, emoji=False, highlight=False).print(table)
-
-
 def _print_summary(summary: dict[str, Any], folder: Path) -> None:
     """Print the short table of a run."""
     _print_table([(name, text) for name, text in _summary_rows(summary) if text])
@@ -482,22 +453,3 @@ def _text(s: dict[str, Any], key: str, form: str) -> str:
 def _xy(value: dict[str, float] | None) -> str:
     """Return x and y [mm] as text, empty if missing."""
     return "" if value is None else f"x {value['x']:.2f} mm, y {value['y']:.2f} mm"
-
-
-def _number(value: Any) -> str:
-    """Return a number or text for a table; empty for what is not stated."""
-    if value is None:
-        return ""
-    return f"{value:.6g}" if isinstance(value, float) else str(value)
-
-
-def _cell(value: Any) -> str:
-    """Return a value for a table."""
-    return ", ".join(value) if isinstance(value, list) else _number(value)
-
-
-def _plain(value: Any) -> Any:
-    """Return a value ready for JSON."""
-    from ..run import plain
-
-    return plain(value)

@@ -7,6 +7,9 @@ from ..lazy import exports_of
 if TYPE_CHECKING:
     from .filters import low_pass_coefficient as low_pass_coefficient
     from .filters import servo_response as servo_response
+    from .gains import PAPER_GAINS as PAPER_GAINS
+    from .gains import Gains as Gains
+    from .gains import Pair as Pair
     from .guard import GUARD as GUARD
     from .guard import WALKS as WALKS
     from .guard import WATCH as WATCH
@@ -25,12 +28,9 @@ if TYPE_CHECKING:
     from .guard import tilted as tilted
     from .law import LAW as LAW
     from .law import LAW_STATE as LAW_STATE
-    from .law import PAPER_GAINS as PAPER_GAINS
     from .law import Controller as Controller
     from .law import ControlOutput as ControlOutput
     from .law import ControlSettings as ControlSettings
-    from .law import Gains as Gains
-    from .law import Pair as Pair
     from .law import Value as Value
     from .law import WalkingController as WalkingController
     from .law import apply_law as apply_law

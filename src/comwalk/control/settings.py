@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 from ..errors import ParameterError, checked_number
 from ..pattern import checked_count
-from .law import ControlSettings, Gains
+from .gains import Gains
+from .law import ControlSettings
 
 
 @dataclass(frozen=True, kw_only=True)

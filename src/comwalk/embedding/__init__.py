@@ -37,6 +37,7 @@ if TYPE_CHECKING:
     from .motion_edits import placed as placed
     from .motion_edits import renamed as renamed
     from .motion_edits import scaled as scaled
+    from .motion_files import is_motion_file as is_motion_file
     from .motion_files import load_motion as load_motion
     from .rotations import level_error as level_error
     from .rotations import rotate_twist as rotate_twist

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import math
+import os
 import pickle
 import zipfile
 import zlib
@@ -312,3 +313,15 @@ def _write_npz(motion: Motion, file: Path) -> None:
             loops=np.array(motion.loops),
             whole_body=np.array(motion.whole_body),
         )
+
+
+def is_motion_file(source: str) -> bool:
+    """Return whether a motion is given by its file, not by its name.
+
+    Args:
+        source: What the user wrote.
+
+    Returns:
+        Whether it has the ending or the look of a path.
+    """
+    return "/" in source or os.sep in source or bool(Path(source).suffix)

@@ -12,8 +12,6 @@ if TYPE_CHECKING:
     from .footsteps import Gait as Gait
     from .footsteps import checked_count as checked_count
     from .footsteps import foot_poses as foot_poses
-    from .footsteps import plan_segments as plan_segments
-    from .footsteps import plan_steps as plan_steps
     from .online import OnlinePattern as OnlinePattern
     from .pendulum import PAPER_PENDULUM as PAPER_PENDULUM
     from .pendulum import Pendulum as Pendulum
@@ -37,6 +35,8 @@ if TYPE_CHECKING:
     from .reference import minimum_jerk as minimum_jerk
     from .reference import record_of as record_of
     from .reference import reference_of as reference_of
+    from .regular_steps import plan_segments as plan_segments
+    from .regular_steps import plan_steps as plan_steps
     from .walk_pattern import Pattern as Pattern
     from .walk_pattern import Phase as Phase
     from .walk_pattern import Reference as Reference

@@ -7,10 +7,9 @@ A foot's pose is that of the centre of its sole; the left foot is on +y.
 
 from __future__ import annotations
 
-import dataclasses
 import math
 import numbers
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
 
@@ -18,6 +17,15 @@ import numpy as np
 
 from ..errors import ParameterError, PlanError, checked_number, nearest
 from ..sides import Side
+from .placement import (
+    _ROUNDING,
+    _STRIDE_RULE,
+    MAX_STRIDE,
+    _overlap_fault,
+    _placement_faults,
+    _refuse,
+    _sole_gap,
+)
 
 DoubleSupport = Literal["paper", "minjerk"]
 """How the ZMP crosses in double support: Eqs. (4), (9), or by minimum jerk."""
@@ -25,17 +33,9 @@ DoubleSupport = Literal["paper", "minjerk"]
 MAX_STEPS = 100_000
 """Most footsteps of one plan [-]."""
 
-MAX_STRIDE = 0.8
-"""Longest travel of a swing foot, and widest distance of the feet [m]."""
-
-MAX_TOE = 1.2
-"""Largest angle between the two feet [rad]."""
 
 PAPER_SOLE = (0.24, 0.13)
 """Length and width of a sole [m] when the robot does not say."""
-
-_Walk = tuple["Gait", int]
-_Segments = Sequence[_Walk | float]
 
 
 def shortest_turn(start: float, end: float) -> float:
@@ -382,89 +382,6 @@ def foot_poses(plan: FootstepPlan) -> np.ndarray:
     return np.array(poses, dtype=float)
 
 
-def plan_steps(
-    gait: Gait,
-    steps: int,
-    *,
-    first: Side | None = None,
-    sole_size: tuple[float, float] = PAPER_SOLE,
-) -> FootstepPlan:
-    """Return a regular walk: straight, back, sideways, in a curve or on the spot.
-
-    The body goes 2B forward, `lateral` sideways and `turn` around per step, and the
-    feet follow at +-A beside it; one more step brings them together, if they are not.
-
-    Args:
-        gait: Step lengths [m], turn [rad] and times [s].
-        steps: Number of steps without the closing one, in [1, 100000].
-        first: The foot that swings first; by default the one on the side to which the
-            body shifts or turns, or the right foot if it goes straight.
-        sole_size: Length and width of each sole [m].
-
-    Returns:
-        A plan that starts with the feet at (0, +-A) and ends 2B * steps ahead.
-
-    Raises:
-        ParameterError: If `steps` is not a whole number in its range.
-        PlanError: If the feet would meet or the steps are too long.
-
-    Example:
-        >>> plan = plan_steps(PAPER_GAIT, 20)
-        >>> plan.count, round(plan.steps[-1].x, 6), plan.steps[0].side.value
-        (20, 4.0, 'right')
-    """
-    return plan_segments([(gait, steps)], first=first, sole_size=sole_size)
-
-
-def plan_segments(
-    segments: _Segments,
-    *,
-    first: Side | None = None,
-    sole_size: tuple[float, float] = PAPER_SOLE,
-) -> FootstepPlan:
-    """Return a walk made of regular pieces, joined without a halt, and of pauses.
-
-    Args:
-        segments: Pairs of a gait and its number of steps, at least one; between them
-            numbers are times to stand still [s]. The first gait gives the start and the
-            time of standing, the last one gives the stop.
-        first: The foot that swings first, as in `plan_steps`. After a pause it is the
-            one that `plan_steps` would take.
-        sole_size: Length and width of each sole [m].
-
-    Returns:
-        One plan, with a closing step at its end and before each pause, if the feet are
-        not parallel.
-
-    Raises:
-        ParameterError: If a number of steps is not a whole number in its range.
-        PlanError: If there is no segment, the styles of double support differ, the feet
-            would meet, or the steps are too long.
-    """
-    walks = _between_pauses(_checked_segments(segments))
-    begin, end = walks[0][0][0][0], walks[-1][0][-1][0]
-    side = _first_side(begin) if first is None else _checked_side(first)
-    body = Foothold(0.0, 0.0)
-    feet = _beside(body, begin)
-    left, right, steps = feet[Side.LEFT], feet[Side.RIGHT], []
-    for k, (pieces, pause) in enumerate(walks):
-        side = _first_side(pieces[0][0]) if k else side
-        body, more, closing = _walk(pieces, body, feet, side)
-        more[-1] = dataclasses.replace(more[-1], stand=pause)
-        steps += more
-    return FootstepPlan(
-        left=left,
-        right=right,
-        steps=tuple(steps),
-        start_time=begin.start_time,
-        stop_time=end.stop_time,
-        stand_time=begin.stand_time,
-        double_support=begin.double_support,
-        closing=closing,
-        sole_size=sole_size,
-    )
-
-
 # Variations of a plan.
 
 
@@ -485,6 +402,17 @@ def _check_stand(plan: FootstepPlan) -> None:
     where = "the feet at the start"
     _refuse(_placement_faults(left, right, np.ones(1)), [where])
     _refuse([_overlap_fault(_sole_gap(right, left, plan.sole_size))], [where])
+
+
+# Regular walks.
+
+
+def _row(foothold: Foothold) -> tuple[float, float, float]:
+    """Return x [m], y [m], yaw [rad]."""
+    return foothold.x, foothold.y, foothold.yaw
+
+
+# Plans in files.
 
 
 def _check_geometry(plan: FootstepPlan) -> None:
@@ -515,205 +443,3 @@ def _check_geometry(plan: FootstepPlan) -> None:
         _overlap_fault(gap),
     ]
     _refuse(faults, names)
-
-
-_ROUNDING = 1e-9
-_Fault = tuple[np.ndarray, np.ndarray, str]
-_STRIDE_RULE = f"more than {MAX_STRIDE:g} m; shorten the stride"
-
-
-def _placement_faults(foot: np.ndarray, stance: np.ndarray, sign: np.ndarray) -> list:
-    """Return values, faults and messages of feet placed beside stance feet."""
-    d = foot[:, :2] - stance[:, :2]
-    across = sign * (np.cos(stance[:, 2]) * d[:, 1] - np.sin(stance[:, 2]) * d[:, 0])
-    spread = np.hypot(d[:, 0], d[:, 1])
-    toe = np.abs(np.remainder(foot[:, 2] - stance[:, 2] + np.pi, 2 * np.pi) - np.pi)
-    return [
-        (
-            spread,
-            spread > MAX_STRIDE + _ROUNDING,
-            f"feet are {{:.3f}} m apart, {_STRIDE_RULE}",
-        ),
-        (
-            toe,
-            toe > MAX_TOE + _ROUNDING,
-            f"feet point {{:.3f}} rad apart, more than {MAX_TOE:g} rad; turn less",
-        ),
-        (
-            across,
-            across <= 0.0,
-            "foot lands {:.3f} m to its own side of the other foot, must be above 0 m; "
-            "the legs would cross",
-        ),
-    ]
-
-
-def _overlap_fault(gap: np.ndarray) -> _Fault:
-    """Return values, faults and message of soles that meet."""
-    return (
-        gap,
-        gap <= 0.0,
-        "soles meet: their gap is {:.3f} m and must stay above 0 m; step wider",
-    )
-
-
-def _refuse(faults: Iterable[_Fault], names: Sequence[str]) -> None:
-    """Raise an error about the first step with a fault."""
-    found = [
-        (int(np.argmax(bad)), i, values, text)
-        for i, (values, bad, text) in enumerate(faults)
-        if bad.any()
-    ]
-    if found:
-        k, _, values, text = min(found, key=lambda fault: fault[:2])
-        raise PlanError(f"{names[k]}: {text.format(float(values[k]))}")
-
-
-def _sole_gap(a: np.ndarray, b: np.ndarray, size: tuple[float, float]) -> np.ndarray:
-    """Return how far pairs of soles are apart along their best separating axis.
-
-    Args:
-        a: Poses, shape (n, 3).
-        b: Poses, shape (n, 3).
-        size: Length and width of both soles [m].
-
-    Returns:
-        Gap [m], shape (n,): positive if they are apart, negative if they overlap.
-    """
-    half = np.array(size) / 2
-    d, turn = b[:, :2] - a[:, :2], np.abs(np.cos(b[:, 2] - a[:, 2]))
-    side = np.abs(np.sin(b[:, 2] - a[:, 2]))
-    reach = half + np.stack(
-        [half[0] * turn + half[1] * side, half[0] * side + half[1] * turn], axis=1
-    )
-    gaps = [np.abs(_turned(d, yaw)) - reach for yaw in (a[:, 2], b[:, 2])]
-    return np.max(np.concatenate(gaps, axis=1), axis=1)
-
-
-def _turned(d: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """Return world vectors (n, 2) in frames of the given headings (n,)."""
-    cos, sin = np.cos(yaw), np.sin(yaw)
-    return np.stack([cos * d[:, 0] + sin * d[:, 1], cos * d[:, 1] - sin * d[:, 0]], 1)
-
-
-# Regular walks.
-
-
-def _checked_segments(segments: _Segments) -> _Segments:
-    """Check numbers of steps, times, and that all gaits agree on the style."""
-    segments = list(segments)
-    gaits = [item[0] for item in segments if isinstance(item, tuple)]
-    if not gaits:
-        raise PlanError("a plan needs at least one segment of steps")
-    for i, item in enumerate(segments, 1):
-        name = f"segment {i}: " if len(segments) > 1 else ""
-        if not isinstance(item, tuple):
-            unit, low, high = _STAND_LIMITS
-            checked_number(f"{name}stand", item, unit=unit, low=low, high=high)
-            continue
-        gait, count = item
-        if not isinstance(gait, Gait):
-            raise ParameterError(f"{name}gait must be a Gait, got {gait!r}")
-        checked_count(f"{name}steps", count, 1, MAX_STEPS)
-        if gait.double_support != gaits[0].double_support:
-            raise PlanError(f"{name}double_support must be the same in all segments")
-    return segments
-
-
-def _between_pauses(segments: _Segments) -> list[tuple[list[_Walk], float | None]]:
-    """Return the pieces between pauses, and the pause after each, None after the last.
-
-    Raises:
-        PlanError: If no steps come before, after or between pauses.
-    """
-    walks: list[tuple[list[_Walk], float | None]] = [([], None)]
-    for item in segments:
-        if isinstance(item, tuple):
-            walks[-1][0].append(item)
-        else:
-            walks[-1] = walks[-1][0], float(item)
-            walks.append(([], None))
-    if not all(pieces for pieces, _ in walks):
-        raise PlanError(
-            "a pause (stand) must come between steps; before the first and after the "
-            "last step the plan stands for stand_time"
-        )
-    return walks
-
-
-def _walk(
-    pieces: Sequence[_Walk], body: Foothold, feet: dict[Side, Foothold], side: Side
-) -> tuple[Foothold, list[Footstep], int]:
-    """Walk some pieces and bring the feet together, which `feet` then holds.
-
-    Returns:
-        Where the body is then, the steps, and how many of them only close the feet.
-    """
-    steps: list[Footstep] = []
-    for gait, count in pieces:
-        for shift in _shifts(gait, count, side):
-            body = _advanced(body, gait, shift)
-            steps.append(_footstep(_beside(body, gait)[side], side, gait))
-            feet[side] = steps[-1].foothold
-            side = side.other
-    gait = pieces[-1][0]
-    goal = _beside(body, gait)[side]
-    closing = int(not _same(goal, feet[side]))
-    steps += [_footstep(goal, side, gait)] * closing
-    feet[side] = goal
-    return body, steps, closing
-
-
-def _first_side(gait: Gait) -> Side:
-    """Return the foot that can start without meeting the other."""
-    way = gait.lateral or gait.turn
-    return Side.LEFT if way > 0.0 else Side.RIGHT
-
-
-def _shifts(gait: Gait, count: int, side: Side) -> list[float]:
-    """Return the shift of the body in each step [m]: by the leading foot only."""
-    leading = Side.LEFT if gait.lateral > 0.0 else Side.RIGHT
-    begin = 0 if side is leading or count == 1 else 1
-    wide = range(begin, count, 2)
-    return [
-        gait.lateral * count / len(wide) if k in wide else 0.0 for k in range(count)
-    ]
-
-
-def _advanced(body: Foothold, gait: Gait, shift: float) -> Foothold:
-    """Return the pose of the body one step later, along an arc."""
-    half_turn = Foothold(0.0, 0.0, gait.turn / 2)
-    move = Foothold(2 * gait.half_step, shift)
-    return body.compose(half_turn).compose(move).compose(half_turn)
-
-
-def _beside(body: Foothold, gait: Gait) -> dict[Side, Foothold]:
-    """Return the footholds at +-A beside the body."""
-    A = gait.half_width
-    return {side: body.compose(Foothold(0.0, side.sign * A)) for side in Side}
-
-
-def _footstep(foothold: Foothold, side: Side, gait: Gait) -> Footstep:
-    """Return a step with the times of a gait."""
-    return Footstep(
-        side=side,
-        x=foothold.x,
-        y=foothold.y,
-        yaw=foothold.yaw,
-        single_support=gait.single_support_time,
-        double_support=gait.double_support_time,
-        swing_height=gait.swing_height,
-    )
-
-
-def _same(a: Foothold, b: Foothold) -> bool:
-    """Tell whether two footholds are equal but for rounding."""
-    return max(abs(a.x - b.x), abs(a.y - b.y), abs(a.yaw - b.yaw)) < 1e-9
-
-
-def _row(foothold: Foothold) -> tuple[float, float, float]:
-    """Return x [m], y [m], yaw [rad]."""
-    return foothold.x, foothold.y, foothold.yaw
-
-
-# Plans in files.

@@ -33,8 +33,6 @@ from ..sides import Side
 from . import phases as p
 from . import records as r
 from .footsteps import (
-    MAX_STRIDE,
-    MAX_TOE,
     PAPER_GAIT,
     PAPER_SOLE,
     Foothold,
@@ -44,6 +42,7 @@ from .footsteps import (
     checked_count,
 )
 from .pendulum import PAPER_PENDULUM, Pendulum
+from .placement import MAX_STRIDE, MAX_TOE
 from .reference import fill_reference, reference_of
 from .walk_pattern import MIN_MINJERK, Reference
 

@@ -19,10 +19,9 @@ from .footsteps import (
     Footstep,
     FootstepPlan,
     Gait,
-    _Walk,
     checked_count,
-    plan_segments,
 )
+from .regular_steps import _Walk, plan_segments
 
 
 def load_plan(

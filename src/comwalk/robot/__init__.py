@@ -11,9 +11,9 @@ if TYPE_CHECKING:
     from .compiled_solver import FastResolver as FastResolver
     from .compiled_solver import can_resolve as can_resolve
     from .dynamics import InverseDynamics as InverseDynamics
+    from .kinematics import Kinematics as Kinematics
     from .model import LEGS as LEGS
     from .model import Foot as Foot
-    from .model import Kinematics as Kinematics
     from .model import Robot as Robot
     from .model import load_robot as load_robot
     from .profile import Limits as Limits

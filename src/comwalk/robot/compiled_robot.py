@@ -15,7 +15,8 @@ import numpy as np
 
 from ..embedding import ANY_AXIS, LIMB, LINK, LONGEST, SITE, SLIDE, Flat, records
 from ..errors import ModelError
-from .model import Kinematics, Robot
+from .kinematics import Kinematics
+from .model import Robot
 
 
 def flatten(robot: Robot, sites: Iterable[int] = ()) -> Flat:

@@ -39,7 +39,8 @@ from ..embedding import (
 from ..errors import ParameterError
 from ..handles import handle_of
 from .compiled_robot import flatten
-from .model import LEGS, Kinematics, Robot
+from .kinematics import Kinematics
+from .model import LEGS, Robot
 
 
 class FastResolver:

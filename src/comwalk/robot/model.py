@@ -7,7 +7,6 @@ turns a configuration into a `Posture` with MuJoCo's kinematics in C.
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,17 +15,16 @@ from typing import Any
 import mujoco
 import numpy as np
 
-from ..embedding import JointLimit, Limb, Posture
+from ..embedding import JointLimit, Limb
 from ..errors import ModelError, ParameterError, checked_number
 from ..sides import Side
 from .anatomy import Anatomy
-from .annotated import is_marked, read_marks
+from .annotated import Role, find_roles, is_marked, read_marks
 from .annotation import compile_model, couple_in_physics, coupling_of, mark
 from .kinematic_tree import Skeleton
-from .loaders import ModelFile, read_model, rotation_of
+from .loaders import ModelFile, read_model
 from .mimic import Coupling
 from .profile import Profile, check_names, read_profile
-from .roles import Role, find_roles
 from .servos import Gains, set_gains, set_torque
 
 LEGS = {Side.LEFT: "left_leg", Side.RIGHT: "right_leg"}
@@ -406,157 +404,3 @@ def _with_angles(model: mujoco.MjModel, q: np.ndarray, profile: Profile) -> np.n
         q[model.joint(joint).qposadr[0]] = angle
     q[2] += before - lowest()
     return q
-
-
-class Kinematics:
-    """Turns configurations of one robot into postures. Final.
-
-    It owns the workspace (MuJoCo's `mjData`) that it computes in.
-    """
-
-    def __init__(self, robot: Robot, limbs: Iterable[str] | None = None) -> None:
-        """Allocate the workspace.
-
-        Args:
-            robot: The robot.
-            limbs: Names of the limbs whose Jacobians are wanted, which saves time;
-                all if None. The others' stay zero.
-        """
-        self.robot = robot
-        self.data = mujoco.MjData(robot.model)
-        self._accelerating = copy.copy(robot.model)  # its gravity is changed
-        self._gravity = robot.model.opt.gravity.copy()
-        self._jacobian = np.zeros((3 + 6 * len(robot.ends), robot.model.nv))
-        self._ends = np.maximum(robot.ends, 0)
-        wanted = {x.name for x in robot.limbs} if limbs is None else set(limbs)
-        sites = [
-            (3 + 6 * i, site)
-            for i, (limb, site) in enumerate(zip(robot.limbs, robot.ends, strict=True))
-            if site >= 0 and limb.name in wanted
-        ]
-        # Views into MuJoCo's memory, made once: each access through mjData copies.
-        J, d, root = self._jacobian, self.data, robot.base_body
-        self._root = root
-        self._end_rows = [(J[k : k + 3], J[k + 3 : k + 6], site) for k, site in sites]
-        self._com_rows, self._turn_columns = J[:3], J[:, 3:6]
-        self._qpos, self._felt = d.qpos, self._accelerating.opt.gravity
-        self._xpos, self._xmat = d.xpos[root], d.xmat[root].reshape(3, 3)
-        self._com, self._site_xpos = d.subtree_com[root], d.site_xpos
-        self._site_xmat = d.site_xmat
-
-    def update(self, q: np.ndarray) -> None:
-        """Compute positions of all bodies and the CoM, no Jacobians.
-
-        Args:
-            q: Configuration: base position [m], quaternion wxyz, joint angles [rad],
-                of shape (7 + joints,).
-        """
-        self._qpos[:] = q
-        mujoco.mj_kinematics(self.robot.model, self.data)
-        mujoco.mj_comPos(self.robot.model, self.data)
-
-    @property
-    def com(self) -> np.ndarray:
-        """CoM after the last `update` [m], world; a view, of shape (3,)."""
-        return self._com
-
-    def sites(self, indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return where frames are after the last `update`.
-
-        Args:
-            indices: Indices of k sites.
-
-        Returns:
-            Positions [m], world, of shape (k, 3), and rotations to world, (k, 3, 3).
-        """
-        rotations = self._site_xmat.take(indices, axis=0).reshape(-1, 3, 3)
-        return self._site_xpos.take(indices, axis=0), rotations
-
-    def posture(self, q: np.ndarray) -> Posture:
-        """Return the posture at a configuration, with all Jacobians, Eq. (14), (21).
-
-        Args:
-            q: Configuration: base position [m], quaternion wxyz, joint angles [rad],
-                of shape (7 + joints,).
-
-        Returns:
-            The posture. Ends that no site marks have a zero Jacobian.
-        """
-        self.update(q)
-        m, d = self.robot.model, self.data
-        mujoco.mj_jacSubtreeCom(m, d, self._com_rows, self._root)
-        for linear, angular, site in self._end_rows:
-            mujoco.mj_jacSite(m, d, linear, angular, site)
-        J, R_o = self._jacobian.copy(), self._xmat.copy()
-        # MuJoCo's base rates are in body axes.
-        J[:, 3:6] = self._turn_columns @ R_o.T
-        if self.robot.coupling is not None:
-            self.robot.coupling.fold(J)
-        ends, rotations = self.sites(self._ends)
-        return Posture(self._xpos.copy(), R_o, self._com.copy(), ends, rotations, J)
-
-    def integrate(
-        self,
-        q: np.ndarray,
-        velocity: np.ndarray,
-        dt: float,
-        rotation: np.ndarray | None = None,
-    ) -> np.ndarray:
-        """Return the configuration after a velocity for a time.
-
-        Args:
-            q: Configuration, of shape (7 + joints,).
-            velocity: v = [xdot_o; qdot] [m/s, rad/s], world axes.
-            dt: Duration [s].
-            rotation: R_o of the configuration, if it is known already, (3, 3).
-
-        Returns:
-            The new configuration, of shape (7 + joints,).
-        """
-        local, result = velocity.copy(), q.copy()
-        if rotation is None:
-            rotation = rotation_of(q[3:7])
-        if self.robot.coupling is not None:
-            self.robot.coupling.unfold(local)
-        local[3:6] = velocity[3:6] @ rotation
-        mujoco.mj_integratePos(self.robot.model, result, local, dt)
-        return result
-
-    def holding_forces(self, com_acceleration: np.ndarray) -> np.ndarray:
-        """Return the generalised forces that carry the body, ground forces excluded.
-
-        They belong to the configuration of the last `update` or `posture`. The whole
-        body is taken to accelerate like its CoM, as the simplified model (1)-(3) does.
-
-        Args:
-            com_acceleration: CoM acceleration [m/s^2], world, of shape (3,).
-
-        Returns:
-            Forces [N, N m] in MuJoCo's coordinates, of shape (6 + joints,).
-        """
-        forces = np.empty(len(self._qpos) - 1)
-        np.subtract(self._gravity, com_acceleration, out=self._felt)
-        mujoco.mj_rne(self._accelerating, self.data, 0, forces)
-        if self.robot.coupling is not None:
-            self.robot.coupling.fold(forces)
-        return forces
-
-    def angular_momentum(self, velocity: np.ndarray) -> np.ndarray:
-        """Return the angular momentum about the CoM.
-
-        It belongs to the configuration of the last `update` or `posture`.
-
-        Args:
-            velocity: v = [xdot_o; qdot] [m/s, rad/s], world axes.
-
-        Returns:
-            Angular momentum [N m s], world, of shape (3,).
-        """
-        m, d = self.robot.model, self.data
-        d.qvel[:] = velocity
-        if self.robot.coupling is not None:
-            self.robot.coupling.unfold(d.qvel)
-        d.qvel[3:6] = velocity[3:6] @ self._xmat
-        mujoco.mj_comVel(m, d)
-        mujoco.mj_subtreeVel(m, d)
-        return d.subtree_angmom[self._root].copy()

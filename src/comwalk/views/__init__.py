@@ -6,11 +6,11 @@ from ..lazy import exports_of
 
 if TYPE_CHECKING:
     from .gain_plane import plot_gain_plane as plot_gain_plane
+    from .gain_plane import plot_identified as plot_identified
     from .gl import choose_backend as choose_backend
     from .matplotlib_figures import Row as Row
     from .matplotlib_figures import plot_arms as plot_arms
     from .matplotlib_figures import plot_dance as plot_dance
-    from .matplotlib_figures import plot_pattern as plot_pattern
     from .matplotlib_figures import plot_run as plot_run
     from .page import WebPage as WebPage
     from .page import notebook_html as notebook_html
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .page_server import HOST as HOST
     from .page_server import PORT as PORT
     from .page_server import Address as Address
+    from .pattern_figure import plot_pattern as plot_pattern
     from .portrait import draw_portrait as draw_portrait
     from .recording import Moment as Moment
     from .recording import load_recording as load_recording
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from .render import render_run as render_run
     from .render import render_still as render_still
     from .render import still as still
-    from .response_plot import plot_identified as plot_identified
     from .tables import outcome_text as outcome_text
     from .video import STILLS as STILLS
     from .video import check_film as check_film

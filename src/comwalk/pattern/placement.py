@@ -1,0 +1,98 @@
+"""Refuse footsteps that legs cannot reach or that put one sole on the other."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+
+import numpy as np
+
+from ..errors import PlanError
+
+MAX_STRIDE = 0.8
+"""Longest travel of a swing foot, and widest distance of the feet [m]."""
+
+
+MAX_TOE = 1.2
+"""Largest angle between the two feet [rad]."""
+
+_ROUNDING = 1e-9
+
+
+_Fault = tuple[np.ndarray, np.ndarray, str]
+
+
+_STRIDE_RULE = f"more than {MAX_STRIDE:g} m; shorten the stride"
+
+
+def _placement_faults(foot: np.ndarray, stance: np.ndarray, sign: np.ndarray) -> list:
+    """Return values, faults and messages of feet placed beside stance feet."""
+    d = foot[:, :2] - stance[:, :2]
+    across = sign * (np.cos(stance[:, 2]) * d[:, 1] - np.sin(stance[:, 2]) * d[:, 0])
+    spread = np.hypot(d[:, 0], d[:, 1])
+    toe = np.abs(np.remainder(foot[:, 2] - stance[:, 2] + np.pi, 2 * np.pi) - np.pi)
+    return [
+        (
+            spread,
+            spread > MAX_STRIDE + _ROUNDING,
+            f"feet are {{:.3f}} m apart, {_STRIDE_RULE}",
+        ),
+        (
+            toe,
+            toe > MAX_TOE + _ROUNDING,
+            f"feet point {{:.3f}} rad apart, more than {MAX_TOE:g} rad; turn less",
+        ),
+        (
+            across,
+            across <= 0.0,
+            "foot lands {:.3f} m to its own side of the other foot, must be above 0 m; "
+            "the legs would cross",
+        ),
+    ]
+
+
+def _overlap_fault(gap: np.ndarray) -> _Fault:
+    """Return values, faults and message of soles that meet."""
+    return (
+        gap,
+        gap <= 0.0,
+        "soles meet: their gap is {:.3f} m and must stay above 0 m; step wider",
+    )
+
+
+def _refuse(faults: Iterable[_Fault], names: Sequence[str]) -> None:
+    """Raise an error about the first step with a fault."""
+    found = [
+        (int(np.argmax(bad)), i, values, text)
+        for i, (values, bad, text) in enumerate(faults)
+        if bad.any()
+    ]
+    if found:
+        k, _, values, text = min(found, key=lambda fault: fault[:2])
+        raise PlanError(f"{names[k]}: {text.format(float(values[k]))}")
+
+
+def _sole_gap(a: np.ndarray, b: np.ndarray, size: tuple[float, float]) -> np.ndarray:
+    """Return how far pairs of soles are apart along their best separating axis.
+
+    Args:
+        a: Poses, shape (n, 3).
+        b: Poses, shape (n, 3).
+        size: Length and width of both soles [m].
+
+    Returns:
+        Gap [m], shape (n,): positive if they are apart, negative if they overlap.
+    """
+    half = np.array(size) / 2
+    d, turn = b[:, :2] - a[:, :2], np.abs(np.cos(b[:, 2] - a[:, 2]))
+    side = np.abs(np.sin(b[:, 2] - a[:, 2]))
+    reach = half + np.stack(
+        [half[0] * turn + half[1] * side, half[0] * side + half[1] * turn], axis=1
+    )
+    gaps = [np.abs(_turned(d, yaw)) - reach for yaw in (a[:, 2], b[:, 2])]
+    return np.max(np.concatenate(gaps, axis=1), axis=1)
+
+
+def _turned(d: np.ndarray, yaw: np.ndarray) -> np.ndarray:
+    """Return world vectors (n, 2) in frames of the given headings (n,)."""
+    cos, sin = np.cos(yaw), np.sin(yaw)
+    return np.stack([cos * d[:, 0] + sin * d[:, 1], cos * d[:, 1] - sin * d[:, 0]], 1)

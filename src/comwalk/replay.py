@@ -1,0 +1,56 @@
+"""Verify a saved run with MuJoCo alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import mujoco
+import numpy as np
+
+from .views import load_recording
+
+if TYPE_CHECKING:
+    pass
+
+
+@dataclass(frozen=True, slots=True)
+class Replay:
+    """How well a recorded run was got back from its model and set-points alone."""
+
+    ticks: int
+    """Rows replayed."""
+    position_difference: float
+    """Largest difference of qpos [m, rad]."""
+    velocity_difference: float
+    """Largest difference of qvel [m/s, rad/s]."""
+
+
+def replay(folder: str | Path) -> Replay:
+    """Replay a saved run with MuJoCo alone: first state, then the set-points.
+
+    Args:
+        folder: A folder that `Run.save` wrote.
+
+    Returns:
+        The largest differences from the record.
+
+    Raises:
+        RunError: If the folder is not such a run.
+    """
+    model, columns = load_recording(folder)
+    data, substeps = mujoco.MjData(model), int(columns["substeps"])
+    qpos, qvel, ctrl = (columns[name] for name in ("qpos", "qvel", "ctrl"))
+    data.qpos[:], data.qvel[:] = qpos[0], qvel[0]
+    if model.na:
+        data.act[:] = columns["act"][0]
+    worst_q = worst_v = 0.0
+    for k in range(len(qpos)):
+        worst_q = max(worst_q, float(np.abs(data.qpos - qpos[k]).max()))
+        worst_v = max(worst_v, float(np.abs(data.qvel - qvel[k]).max()))
+        data.ctrl[:] = ctrl[k]
+        if "xfrc_applied" in columns:
+            data.xfrc_applied[:] = columns["xfrc_applied"][k]
+        mujoco.mj_step(model, data, substeps)
+    return Replay(len(qpos), worst_q, worst_v)

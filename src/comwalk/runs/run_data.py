@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from ..errors import RunError
-from .columns import Log
+from .columns import Log, load_columns
 from ..pattern import Pattern
 from ..robot import Robot
 from .summary import (
@@ -124,7 +124,7 @@ def read_summary(folder: str | Path) -> dict[str, Any]:
             raise KeyError
     except (OSError, ValueError, KeyError, TypeError):
         hint = ""
-        if Path(folder, "run.mcap").is_file():
+        if Path(folder, "run.mcap").is_file() or Path(folder, "run.npy").is_file():
             hint = "; if it was cut off, `comwalk log` tells what is left of it"
         raise RunError(
             f"{folder} is not a run: it has no readable summary.json{hint}"
@@ -150,6 +150,6 @@ def read_columns(folder: str | Path) -> dict[str, np.ndarray]:
     try:
         # A broken archive would leave open a file that numpy opened.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            return dict(file)
-    except (OSError, ValueError, EOFError, BadZipFile):
+            return load_columns(file)
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
         raise RunError(f"{path} is broken: it is no archive of numbers") from None

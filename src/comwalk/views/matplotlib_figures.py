@@ -205,7 +205,7 @@ def plot_run(
         page.align_ylabels(axes)
         if not table:  # places that fit, since to search them takes a second
             sides = {"left": 0.09, "right": 0.99, "bottom": 0.1, "top": 0.92}
-            figure.subplots_adjust(**sides, hspace=0.16, wspace=0.14)
+            figure.subplots_adjust(**sides, hspace=0.16, wspace=0.24)
     return write_figure(figure, path)
 
 

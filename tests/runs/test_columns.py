@@ -13,9 +13,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import comwalk as cw
 from comwalk.cli.app import main
 from comwalk.errors import RunError
 from comwalk.runs.columns import load_columns, rows_left, save_columns
+from comwalk.runs.run_log import recover
 
 
 def loaded(path: Path) -> dict[str, np.ndarray]:
@@ -52,6 +54,27 @@ def test_a_file_without_rows_is_refused(tmp_path):
     np.save(tmp_path / "run.npy", np.zeros(5, [("t", float)]))
     with pytest.raises(RunError, match="before its first row"):
         rows_left(tmp_path / "run.npy")
+
+
+def test_two_runs_do_not_share_rows(tmp_path):
+    pytest.importorskip("fcntl")
+    path = tmp_path / "run.npy"
+    pattern = cw.make_pattern(cw.plan_steps(cw.Gait(), 1), cw.Pendulum())
+    refused = []
+
+    def second(now: float) -> None:
+        if not refused:
+            with pytest.raises(RunError, match="written by another run"):
+                cw.simulate_pendulum(pattern, record=path)
+            with pytest.raises(RunError, match="still being written"):
+                recover(tmp_path)
+            refused.append(now)
+
+    run = cw.simulate_pendulum(pattern, record=path, progress=second)
+    assert refused
+    assert np.array_equal(rows_left(path)["zmp"], run.log["zmp"][:-1])
+    assert recover(tmp_path)
+    assert np.array_equal(loaded(tmp_path / "run.npz")["t"], run.log["t"][:-1])
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")

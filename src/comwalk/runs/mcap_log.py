@@ -276,6 +276,7 @@ class Recorder:
         self._fault: Exception | None = None
         self._thread: Thread | None = None
         if self.path is not None and self.path.suffix == ".npy":
+            self._file = _open(self.path)  # locked; the log maps the same file
             log.file = self.path
             _write_settings(self.path, notes)
         elif self.path is not None:
@@ -301,6 +302,9 @@ class Recorder:
             RunError: If not all could be written.
         """
         if self._thread is None:
+            if self.path is not None:
+                _ = self.log.columns  # puts the rows that wait into the file
+                self._file.close()
             return
         self._over.set()
         self._thread.join()

@@ -55,9 +55,9 @@ def log_path(run: str | Path) -> Path:
     """
     path = Path(run)
     file = path / MCAP_NAME if path.is_dir() else path
-    if path.is_dir() and not file.is_file():
+    if path.is_dir():
         recover(path)
-        if (path / "run.npz").is_file():
+        if not file.is_file() and (path / "run.npz").is_file():
             _make_log(path)
     if not file.is_file():
         raise RunError(f"{path} is not a run: it has no {MCAP_NAME}")
@@ -65,7 +65,7 @@ def log_path(run: str | Path) -> Path:
 
 
 def recover(folder: Path) -> bool:
-    """Write run.npz of the rows that a killed run left.
+    """Write run.npz of the rows that a killed run left, in place of an earlier run.
 
     Args:
         folder: Folder of the run.
@@ -74,12 +74,18 @@ def recover(folder: Path) -> bool:
         Whether there was something to recover.
 
     Raises:
-        RunError: If the rows cannot be read, or run.npz cannot be written.
+        RunError: If a run still writes the rows, they cannot be read, or run.npz
+            cannot be written.
     """
     rows = folder / ROWS_NAME
     if not rows.is_file():
         return False
-    save_columns(folder / "run.npz", rows_left(rows))
+    if is_open(rows):
+        raise RunError(f"{rows} is still being written; wait until the run is over")
+    columns = rows_left(rows)
+    for name in ("summary.json", MCAP_NAME):
+        (folder / name).unlink(missing_ok=True)
+    save_columns(folder / "run.npz", columns)
     rows.unlink()
     return True
 

@@ -40,8 +40,8 @@ from .pattern import Pattern
 from .robot import Robot
 from .runs import (
     MCAP_NAME,
-    Log,
     ROWS_NAME,
+    Log,
     Recorder,
     RunData,
     save_columns,

@@ -12,8 +12,8 @@ from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 
-from ..errors import RunError
 from ..control import Tick
+from ..errors import RunError
 
 Columns = Mapping[str, np.ndarray]
 """Arrays by name."""

@@ -18,13 +18,13 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from ..errors import RunError
+from ..robot import Robot
 from .columns import Log
 from .mcap_file import (
     MESSAGE,
     McapWriter,
     Topic,
 )
-from ..robot import Robot
 from .topics import (
     Columns,
     Latched,

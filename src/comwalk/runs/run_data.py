@@ -12,15 +12,15 @@ from zipfile import BadZipFile
 import mujoco
 import numpy as np
 
+from ..control import Outcome
 from ..errors import RunError
-from .columns import Log, load_columns
 from ..pattern import Pattern
 from ..robot import Robot
+from .columns import Log, load_columns
 from .summary import (
     summarize,
     versions,
 )
-from ..control import Outcome
 
 
 @dataclass(frozen=True, eq=False)

@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from .columns import Log
+from ..control import Outcome
+from ..embedding import yaw_of_quaternion
 from ..pattern import (
     Pattern,
     Phase,
@@ -19,8 +20,7 @@ from ..robot import (
     Robot,
 )
 from ..sides import Side
-from ..embedding import yaw_of_quaternion
-from ..control import Outcome
+from .columns import Log
 
 
 def summarize(

@@ -16,17 +16,15 @@ import numpy as np
 from ..robot import (
     Kinematics,
     Robot,
-)
-from ..robot import (
     link_names,
     robot_urdf,
 )
+from ..sides import Side
 from .ros_messages import (
     Layout,
     encode,
     layout_of,
 )
-from ..sides import Side
 
 Columns: TypeAlias = Mapping[str, np.ndarray]
 """Columns of a run by name, each of shape (rows, ...)."""

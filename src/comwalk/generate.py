@@ -33,7 +33,7 @@ from .pattern import (
     plan_steps,
 )
 from .robot import Robot
-from .runs import save_columns
+from .runs import write_npz
 from .setup import robot_dance
 from .walking import WholeBody
 
@@ -147,7 +147,7 @@ class Dataset:
         Raises:
             RunError: If it cannot be written.
         """
-        save_columns(Path(path), self.columns)
+        write_npz(Path(path), self.columns)
         return Path(path)
 
 

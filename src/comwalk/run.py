@@ -7,6 +7,7 @@ import json
 import math
 import time
 from collections.abc import Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -37,7 +38,7 @@ from .embedding import EmbeddedMotion
 from .errors import ParameterError, PlanError, RunError
 from .pattern import Pattern
 from .robot import Robot
-from .runs import MCAP_NAME, Log, Recorder, RunData, save_columns, save_mcap
+from .runs import MCAP_NAME, ROWS_NAME, Log, Recorder, RunData, save_columns
 from .walking import (
     MujocoLink,
     SimulatedRobot,
@@ -94,7 +95,7 @@ class Run(RunData):
         return notebook_html(record_of(self))
 
     def save(self, folder: str | Path) -> Path:
-        """Write summary.json, run.npz, run.mcap, scene.mjb and the figure.
+        """Write summary.json, run.npz, scene.mjb and the figure.
 
         Args:
             folder: Made if it does not exist; an earlier run in it is replaced.
@@ -107,28 +108,24 @@ class Run(RunData):
         """
         folder = prepare_folder(folder)
         for name in _FILES:
-            (folder / name).unlink(missing_ok=True)
-        if folder / MCAP_NAME != self.recording:
-            save_mcap(
-                folder / MCAP_NAME,
-                self.log,
-                self.robot,
-                self.settings["control"]["period"],
-                self.settings,
-                str(self.outcome),
-            )
+            if folder / name != self.recording:
+                (folder / name).unlink(missing_ok=True)
         columns = {**self.log.columns, "substeps": np.array(self.substeps)}
-        save_columns(folder / "run.npz", columns)
-        if self.scene is not None:
-            mujoco.mj_saveModel(self.scene, str(folder / "scene.mjb"))
-        text = json.dumps(self.summary(), indent=2, allow_nan=False)
-        (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
-        self.plot(folder / ("walk.png" if self.pattern.plan.steps else "dance.png"))
+        with ThreadPoolExecutor(1) as other:  # zlib works while the figure is drawn
+            written = other.submit(save_columns, folder / "run.npz", columns)
+            if self.scene is not None:
+                mujoco.mj_saveModel(self.scene, str(folder / "scene.mjb"))
+            text = json.dumps(self.summary(), indent=2, allow_nan=False)
+            (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+            self.plot(folder / ("walk.png" if self.pattern.plan.steps else "dance.png"))
+            written.result()
+        for name in (ROWS_NAME, "run.json"):
+            (folder / name).unlink(missing_ok=True)
         return folder
 
 
 _FILES = ("summary.json", "run.npz", "scene.mjb", "walk.png", "dance.png")
-_FILES += ("report.html",)
+_FILES += ("report.html", MCAP_NAME)
 
 
 def prepare_folder(folder: str | Path) -> Path:
@@ -182,8 +179,8 @@ def simulate(
         seed: Seed of the sensor noise.
         force: Whether to walk even what the robot is not able to.
         progress: Called now and then with the simulated time.
-        record: File of ROS 2 messages to write while it walks, such as run.mcap;
-            a run that is cut off leaves what it wrote until then.
+        record: File to write while it walks: ROS 2 messages, run.mcap, or the rows
+            alone, run.npy; a run that is cut off leaves what it wrote until then.
         about: More to say about the run in its settings.
 
     Returns:

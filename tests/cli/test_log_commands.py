@@ -13,6 +13,7 @@ from mcap.writer import Writer
 from rosbags.highlevel import AnyReader
 
 from comwalk.cli.app import main
+from comwalk.runs.columns import load_columns
 from comwalk.runs.mcap_log import MCAP_NAME
 
 
@@ -21,6 +22,8 @@ def made(tmp_path_factory) -> Path:
     """The folder of a step, as the command writes it."""
     folder = tmp_path_factory.mktemp("run")
     assert main(["walk", "--steps", "1", "--out", str(folder)]) == 0
+    assert not (folder / MCAP_NAME).exists()
+    assert main(["log", str(folder)]) == 0  # makes the log of the columns
     return folder
 
 
@@ -68,7 +71,8 @@ def test_a_log_that_was_cut_off_is_repaired_once(cut, capsys):
 
 def test_csv_holds_the_numbers_of_the_run(made, tmp_path):
     assert main(["export", str(made), "--csv", "--out", str(tmp_path)]) == 0
-    with np.load(made / "run.npz") as columns:
+    with np.load(made / "run.npz") as file:
+        columns = load_columns(file)
         rows = rows_of(tmp_path / "csv" / "zmp.csv")
         found = np.array([[r["point.x"], r["point.y"]] for r in rows])
         assert np.array_equal(found, columns["zmp"])

@@ -332,7 +332,7 @@ def _perform(
 ) -> int:
     """Simulate, save and print; return the exit code."""
     from ..run import prepare_folder
-    from ..runs import MCAP_NAME
+    from ..runs import ROWS_NAME
     from .runs import check_wishes, fulfil_wishes
 
     check_wishes(settings)
@@ -348,11 +348,11 @@ def _perform(
         if where is None:
             with time_bar(setup.pattern.duration, settings.json) as progress:
                 told = _telling(line, progress)
-                run = setup.run(told, record=folder / MCAP_NAME, about=about)
+                run = setup.run(told, record=folder / ROWS_NAME, about=about)
         else:
             run = _walk_in_page(settings, setup, about, where)
     except BaseException:
-        if not (folder / MCAP_NAME).exists():  # else it tells what happened
+        if not any(folder.iterdir()):  # else it tells what happened
             for path in missing:
                 path.rmdir()
         raise

@@ -7,6 +7,7 @@ from ..lazy import exports_of
 if TYPE_CHECKING:
     from .columns import Log as Log
     from .columns import save_columns as save_columns
+    from .columns import write_npz as write_npz
     from .export import export_csv as export_csv
     from .export import export_parquet as export_parquet
     from .export import export_rosbag2 as export_rosbag2
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from .run_data import read_columns as read_columns
     from .run_data import read_summary as read_summary
     from .run_data import record_of as record_of
+    from .run_log import ROWS_NAME as ROWS_NAME
     from .run_log import LogFacts as LogFacts
     from .run_log import inspect as inspect
     from .run_log import log_path as log_path

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import os
 from collections import deque
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from threading import Lock
 from typing import Any
+from zipfile import ZIP_DEFLATED, ZipFile
 
 import numpy as np
 
@@ -40,10 +42,14 @@ class Log:
         self._waiting: deque[tuple[Tick, Mapping[str, Any]]] = deque()
         self._lock = Lock()
         self.table = np.zeros(0)
-        """Rows that someone else writes, as records; see `take`."""
+        """The rows as records; see `take`."""
+        self.file: Path | None = None
+        """A .npy file that holds the rows while they grow; memory alone if None."""
 
     def take(self, kind: np.dtype, capacity: int) -> np.ndarray:
-        """Let someone else write the rows: return records whose fields are columns.
+        """Allocate the rows: records whose fields are columns.
+
+        With a `file`, they are mapped from it, so that they outlive a killed process.
 
         Args:
             kind: The record of a row.
@@ -51,8 +57,13 @@ class Log:
 
         Returns:
             The records, to be written from the first on; `grow` tells how far.
+
+        Raises:
+            RunError: If the file cannot be written.
         """
         self.table = np.zeros(capacity, kind)
+        if self.file is not None:
+            self.table = _mapped(self.file, kind, capacity)
         self._arrays = {name: self.table[name] for name in kind.names or ()}
         return self.table
 
@@ -107,22 +118,20 @@ class Log:
             if not rows:
                 return
             ticks, extras = [tick for tick, _ in rows], [extra for _, extra in rows]
-            for name, value in _OF_TICK.items():
-                self._put(name, [value(tick) for tick in ticks])
-            for name in extras[0]:
-                self._put(name, [extra[name] for extra in extras])
+            values = {
+                k: [value(tick) for tick in ticks] for k, value in _OF_TICK.items()
+            }
+            values |= {k: [extra[k] for extra in extras] for k in extras[0]}
+            if not self._arrays:
+                samples = {k: np.asarray(column[0]) for k, column in values.items()}
+                kind = [(k, s.dtype, s.shape) for k, s in samples.items()]
+                self.take(np.dtype(kind), self._capacity)
+            for name, column in values.items():
+                rows = self._arrays[name][self._rows : self._rows + n]
+                if isinstance(column[0], np.ndarray):  # faster than an assignment
+                    column = np.concatenate(column).reshape(rows.shape)
+                rows[:] = column
             self._rows += n
-
-    def _put(self, name: str, values: list[Any]) -> None:
-        """Append values to a column; allocate it after the first value's shape."""
-        if name not in self._arrays:
-            sample = np.asarray(values[0])
-            self._arrays[name] = np.zeros((self._capacity, *sample.shape), sample.dtype)
-        rows = self._arrays[name][self._rows : self._rows + len(values)]
-        if isinstance(values[0], np.ndarray):  # many times faster than an assignment
-            np.concatenate(values, out=rows.reshape(-1, *rows.shape[2:]))
-        else:
-            rows[:] = values
 
     @property
     def columns(self) -> dict[str, np.ndarray]:
@@ -132,7 +141,42 @@ class Log:
         return {name: array[:rows] for name, array in self._arrays.items()}
 
 
-_MOST_WAITING = 1024  # rows; another thread may take them before
+_MOST_WAITING = 256  # rows, which a crash can lose; another thread may take them before
+
+
+def _mapped(file: Path, kind: np.dtype, capacity: int) -> np.ndarray:
+    """Map rows of zeros from a new file, whose space is reserved: no late SIGBUS."""
+    try:
+        table = np.lib.format.open_memmap(file, "w+", kind, (capacity,))
+        if hasattr(os, "posix_fallocate"):
+            with file.open("r+b") as stream:
+                os.posix_fallocate(stream.fileno(), 0, file.stat().st_size)
+    except OSError as error:
+        raise RunError(f"cannot write {file}: {error.strerror}") from None
+    return np.asarray(table)
+
+
+def rows_left(file: Path) -> dict[str, np.ndarray]:
+    """Return the columns that a killed run left in the file of its `Log`.
+
+    Args:
+        file: The .npy file.
+
+    Returns:
+        Arrays by name; the last row, which may be torn, is dropped.
+
+    Raises:
+        RunError: If the file cannot be read, or holds no whole row.
+    """
+    try:
+        table = np.load(file, mmap_mode="r", allow_pickle=False)
+        written = np.flatnonzero(table["t"])
+    except (OSError, ValueError, IndexError, EOFError):
+        raise RunError(f"{file} is broken: it holds no rows of a run") from None
+    if not len(written):
+        raise RunError(f"{file} was cut off before its first row: nothing is left")
+    return {name: table[name][: written[-1]] for name in table.dtype.names}
+
 
 _OF_TICK: Mapping[str, Callable[[Tick], Any]] = {
     "t": lambda k: k.reference.time,
@@ -165,8 +209,22 @@ _OF_TICK: Mapping[str, Callable[[Tick], Any]] = {
 }
 
 
+_STATE = ("t", "qpos", "qvel", "act", "ctrl", "xfrc_applied")
+_TWINS = {
+    "joints": "qpos",
+    "joint_rates": "qvel",
+    "joint_set_points": "ctrl",
+    "wrenches_true": "wrenches",
+}
+_IN = "_in_"
+
+
 def save_columns(path: Path, columns: Columns) -> None:
-    """Write columns as a compressed npz.
+    """Write the columns of a run as a compressed npz.
+
+    What MuJoCo needs to replay the run is exact; other real numbers are float32. A
+    column that only repeats columns of another, as encoders without noise repeat qpos,
+    is stored as their indices, such as `joints_in_qpos`; `load_columns` restores it.
 
     Args:
         path: The file.
@@ -175,8 +233,61 @@ def save_columns(path: Path, columns: Columns) -> None:
     Raises:
         RunError: If it cannot be written.
     """
+    stored = {}
+    for name, array in columns.items():
+        source = _TWINS.get(name, "")
+        places = _places(array, columns[source]) if source in columns else None
+        if places is not None:
+            stored[f"{name}{_IN}{source}"] = places
+        elif name not in _STATE and array.dtype == np.float64 and array.ndim:
+            stored[name] = array.astype(np.float32)
+        else:
+            stored[name] = array
+    write_npz(path, stored)
+
+
+def _places(column: np.ndarray, source: np.ndarray) -> np.ndarray | None:
+    """Return which columns of a source a column repeats; None if it does not."""
+    rows, wanted = len(column), column.reshape(len(column), -1)
+    known = {c.tobytes(): k for k, c in enumerate(source.reshape(rows, -1).T)}
+    places = [known.get(c.tobytes(), -1) for c in wanted.T]
+    return (
+        None if -1 in places or not rows else np.array(places).reshape(column.shape[1:])
+    )
+
+
+def load_columns(file: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the columns that `save_columns` wrote.
+
+    Args:
+        file: What `numpy.load` returns.
+
+    Returns:
+        Arrays by name.
+    """
+    columns = {name: file[name] for name in file if _IN not in name}
+    for name in file:
+        twin, _, source = name.partition(_IN)
+        if source:
+            flat = columns[source].reshape(len(columns[source]), -1)
+            columns[twin] = flat[:, file[name]]
+    return columns
+
+
+def write_npz(path: Path, arrays: Columns) -> None:
+    """Write arrays as an npz, compressed as quickly as zlib can.
+
+    Args:
+        path: The file.
+        arrays: Arrays by name.
+
+    Raises:
+        RunError: If it cannot be written.
+    """
     try:
-        with path.open("wb") as file:
-            np.savez_compressed(file, allow_pickle=False, **columns)
+        with ZipFile(path, "w", ZIP_DEFLATED, compresslevel=1) as archive:
+            for name, array in arrays.items():
+                with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
+                    np.lib.format.write_array(file, np.asarray(array, order="C"))
     except OSError as error:
         raise RunError(f"cannot write {path}: {error.strerror}") from None

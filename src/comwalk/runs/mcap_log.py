@@ -250,7 +250,8 @@ class Recorder:
         """Open the file.
 
         Args:
-            path: The file, written anew; nothing is written if None.
+            path: The file, written anew: .npy for the rows alone, which costs the walk
+                nothing, else MCAP. Nothing is written if None.
             log: The record, which the run fills.
             robot: The robot; None for the simplified model.
             period: Control period [s].
@@ -264,7 +265,11 @@ class Recorder:
         self.log, self.notes, self._over = log, notes, Event()
         self._fault: Exception | None = None
         self._thread: Thread | None = None
-        if self.path is not None:
+        if self.path is not None and self.path.suffix == ".npy":
+            self._file = _open(self.path)  # locked; the log maps the same file
+            log.file = self.path
+            _write_settings(self.path, notes)
+        elif self.path is not None:
             self._file = _open(self.path)
             self._mcap = McapLog(self._file, robot, period, notes)
             self._thread = Thread(target=self._follow, name="comwalk log", daemon=True)
@@ -287,6 +292,9 @@ class Recorder:
             RunError: If not all could be written.
         """
         if self._thread is None:
+            if self.path is not None:
+                _ = self.log.columns  # puts the rows that wait into the file
+                self._file.close()
             return
         self._over.set()
         self._thread.join()
@@ -313,7 +321,7 @@ def save_mcap(
     robot: Robot | None,
     period: float,
     notes: dict[str, Any],
-    outcome: str,
+    outcome: str | None,
 ) -> None:
     """Write the log of a run that is over.
 
@@ -323,13 +331,22 @@ def save_mcap(
         robot: The robot; None for the simplified model.
         period: Control period [s].
         notes: What the run is made with, ready for JSON.
-        outcome: How it ended.
+        outcome: How it ended; None if it was killed.
 
     Raises:
         RunError: If it cannot be written.
     """
     with Recorder(path, log, robot, period, notes) as recorder:
         recorder.outcome = outcome
+
+
+def _write_settings(path: Path, notes: dict[str, Any]) -> None:
+    """Write what a run is made with beside its rows, for the case of a crash."""
+    try:
+        text = json.dumps(notes, allow_nan=False)
+        path.with_suffix(".json").write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise RunError(f"cannot write {path}: {error.strerror}") from None
 
 
 def _open(path: Path) -> BinaryIO:

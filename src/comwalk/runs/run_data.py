@@ -16,7 +16,7 @@ from ..control import Outcome
 from ..errors import RunError
 from ..pattern import Pattern
 from ..robot import Robot
-from .columns import Log
+from .columns import Log, load_columns
 from .summary import summarize, versions
 
 
@@ -121,7 +121,7 @@ def read_summary(folder: str | Path) -> dict[str, Any]:
             raise KeyError
     except (OSError, ValueError, KeyError, TypeError):
         hint = ""
-        if Path(folder, "run.mcap").is_file():
+        if Path(folder, "run.mcap").is_file() or Path(folder, "run.npy").is_file():
             hint = "; if it was cut off, `comwalk log` tells what is left of it"
         raise RunError(
             f"{folder} is not a run: it has no readable summary.json{hint}"
@@ -147,6 +147,6 @@ def read_columns(folder: str | Path) -> dict[str, np.ndarray]:
     try:
         # A broken archive would leave open a file that numpy opened.
         with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
-            return dict(file)
-    except (OSError, ValueError, EOFError, BadZipFile):
+            return load_columns(file)
+    except (OSError, ValueError, KeyError, EOFError, BadZipFile):
         raise RunError(f"{path} is broken: it is no archive of numbers") from None

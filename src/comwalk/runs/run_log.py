@@ -11,14 +11,29 @@ from typing import Any
 import numpy as np
 from mcap.records import Channel, Metadata, Schema
 
+from ..control import End as Ending
+from ..control import Outcome
 from ..errors import RunError
+from ..pattern import Phase
+from ..robot import load_robot
+from .columns import Log, rows_left, save_columns
 from .mcap_file import Block, End, McapWriter, Topic, read_mcap
-from .mcap_log import MCAP_NAME, is_open
+from .mcap_log import (
+    MCAP_NAME,
+    is_open,
+    save_mcap,
+)
 from .ros_messages import decode, layout_of
+from .run_data import read_columns, read_summary
+
+ROWS_NAME = "run.npy"
+"""Rows of a run that is not saved yet, in its folder."""
 
 
 def log_path(run: str | Path) -> Path:
-    """Return the log of a run.
+    """Return the log of a run, which is made of its columns if it is not there yet.
+
+    A run that was killed before it was saved is saved first, as far as it came.
 
     Args:
         run: Folder of the run, or the log itself.
@@ -27,13 +42,85 @@ def log_path(run: str | Path) -> Path:
         The file.
 
     Raises:
-        RunError: If there is none.
+        RunError: If there is none, and no columns to make it of.
     """
     path = Path(run)
     file = path / MCAP_NAME if path.is_dir() else path
+    if path.is_dir():
+        recover(path)
+        if not file.is_file() and (path / "run.npz").is_file():
+            _make_log(path)
     if not file.is_file():
         raise RunError(f"{path} is not a run: it has no {MCAP_NAME}")
     return file
+
+
+def recover(folder: Path) -> bool:
+    """Write run.npz of the rows that a killed run left, in place of an earlier run.
+
+    Args:
+        folder: Folder of the run.
+
+    Returns:
+        Whether there was something to recover.
+
+    Raises:
+        RunError: If a run still writes the rows, they cannot be read, or run.npz
+            cannot be written.
+    """
+    rows = folder / ROWS_NAME
+    if not rows.is_file():
+        return False
+    if is_open(rows):
+        raise RunError(f"{rows} is still being written; wait until the run is over")
+    columns = rows_left(rows)
+    for name in ("summary.json", MCAP_NAME):
+        (folder / name).unlink(missing_ok=True)
+    save_columns(folder / "run.npz", columns)
+    rows.unlink()
+    return True
+
+
+def _make_log(folder: Path) -> None:
+    """Write run.mcap of the columns of a saved run."""
+    columns, outcome = read_columns(folder), None
+    try:
+        summary = read_summary(folder)
+        settings = summary["settings"]
+        outcome = _ending(summary)
+    except RunError:
+        settings = _left_settings(folder)
+    known = settings.get("config") or {}
+    robot = None
+    if settings.get("robot") is not None:
+        name = known.get("robot") or settings["robot"]
+        robot = load_robot(name, profile=known.get("profile"))
+    log = Log(len(columns["t"]))
+    kind = [(k, c.dtype, c.shape[1:]) for k, c in columns.items() if c.ndim]
+    table = log.take(np.dtype(kind), len(columns["t"]))
+    for name in table.dtype.names or ():
+        table[name] = columns[name]
+    log.grow(len(table))
+    period = settings["control"]["period"]
+    save_mcap(folder / MCAP_NAME, log, robot, period, settings, outcome)
+
+
+def _ending(summary: dict[str, Any]) -> str:
+    """Return how a saved run ended, in the words of its outcome."""
+    phase, step = Phase[summary["phase"].upper()], summary["steps_completed"]
+    end, time = Ending(summary["outcome"]), summary["time_s"]
+    outcome = Outcome(
+        end=end, time=time, phase=phase, step=step, cause=summary["cause"]
+    )
+    return str(outcome)
+
+
+def _left_settings(folder: Path) -> dict[str, Any]:
+    """Return the settings that a killed run left."""
+    try:
+        return json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        raise RunError(f"{folder} is not a run: it has no readable settings") from None
 
 
 # ---- What it holds ----------------------------------------------------------------

@@ -82,7 +82,10 @@ class Row(NamedTuple):
 
 @contextmanager
 def _page(
-    width: float, height: float, table: Sequence[Row] = ()
+    width: float,
+    height: float,
+    table: Sequence[Row] = (),
+    layout: Any = "constrained",
 ) -> Generator[tuple[Figure, Figure | SubFigure]]:
     """Make a figure in the style of all figures.
 
@@ -90,6 +93,7 @@ def _page(
         width: Width [inch].
         height: Height without the table [inch].
         table: Rows of a table below, if any.
+        layout: Engine of the layout; None to place all by hand.
 
     Yields:
         The figure, and the part of it above the table to draw on.
@@ -97,7 +101,7 @@ def _page(
     with matplotlib.rc_context(STYLE):
         columns = max(1, round(width / 4.5)) if len(table) > 5 else 1
         low = 0.23 * (_table_lines(table, columns) + 1.5) if table else 0.0
-        figure = Figure(figsize=(width, height + low), layout="constrained")
+        figure = Figure(figsize=(width, height + low), layout=layout)
         if not table:
             yield figure, figure
             return
@@ -181,7 +185,8 @@ def plot_run(
         RunError: If the picture cannot be written.
     """
     detail = _detail(run)
-    with _page(12.0 if detail else 9.0, 9.2, table) as (figure, page):
+    layout = "constrained" if table else None
+    with _page(12.0 if detail else 9.0, 9.2, table, layout) as (figure, page):
         axes = page.subplots(
             4,
             2 if detail else 1,
@@ -195,6 +200,9 @@ def plot_run(
         page.suptitle(_run_title(run), x=0.01, ha="left", fontsize=11.5)
         _run_legend(page, axes[0, 0])
         page.align_ylabels(axes)
+        if not table:  # places that fit, since to search them takes a second
+            sides = {"left": 0.09, "right": 0.99, "bottom": 0.1, "top": 0.92}
+            figure.subplots_adjust(**sides, hspace=0.16, wspace=0.24)
     return write_figure(figure, path)
 
 
@@ -290,7 +298,8 @@ def _run_legend(page: Figure | SubFigure, ax: Axes) -> None:
     handles, labels = ax.get_legend_handles_labels()
     handles += [Patch(color=_SINGLES[phase]) for phase in _SINGLES]
     labels += ["left foot", "right foot supports"]
-    page.legend(handles, labels, loc="outside lower center", ncols=len(labels))
+    place = "outside lower center" if page.get_layout_engine() else "lower center"
+    page.legend(handles, labels, loc=place, ncols=len(labels))
 
 
 # ---- Fig. 3: the pattern ----------------------------------------------------------

@@ -42,8 +42,9 @@ from comwalk.embedding.task import (
 )
 from comwalk.errors import ParameterError, PlanError, checked_number
 from comwalk.pattern.polygon import share_between
+from comwalk.pattern.reference import Phase, Reference
 from comwalk.pattern.swing import minimum_jerk
-from comwalk.pattern.walk_pattern import Pattern, Phase, Reference
+from comwalk.pattern.walk_pattern import Pattern
 from comwalk.robot.kinematics import Kinematics
 from comwalk.robot.model import LEGS, Robot
 from comwalk.run import prepare

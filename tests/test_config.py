@@ -27,7 +27,8 @@ from comwalk.embedding.motion_files import is_motion_file
 from comwalk.errors import ComwalkError, MotionError, ParameterError, PlanError
 from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.walk_pattern import Phase, make_pattern
+from comwalk.pattern.reference import Phase
+from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.setup import build_dance, build_walk, robot_dance
 from comwalk.sides import Side
 from comwalk.walking.whole_body import WholeBody

@@ -9,7 +9,7 @@ import pytest
 from comwalk.cli.app import main
 from comwalk.errors import ParameterError, PlanError
 from comwalk.generate import Ranges, generate
-from comwalk.pattern.walk_pattern import Phase
+from comwalk.pattern.reference import Phase
 from comwalk.robot.kinematics import Kinematics
 from comwalk.robot.model import load_robot
 

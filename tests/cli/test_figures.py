@@ -10,10 +10,11 @@ from PIL import Image
 
 from comwalk.cli import figures
 from comwalk.errors import RunError
+from comwalk.pattern.closed_form import transfer_zmp
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.regular_steps import plan_steps
-from comwalk.pattern.walk_pattern import make_pattern, transfer_zmp
+from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.setup import build_dance, build_walk
 
 

@@ -12,10 +12,10 @@ from comwalk.pattern import records as rows
 from comwalk.pattern import reference as lookup
 from comwalk.pattern.footsteps import Foothold, Footstep, FootstepPlan, Gait
 from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum
-from comwalk.pattern.reference import fill_reference, reference_of
+from comwalk.pattern.reference import Reference, fill_reference, reference_of
 from comwalk.pattern.regular_steps import plan_segments, plan_steps
 from comwalk.pattern.swing import FootMotion
-from comwalk.pattern.walk_pattern import Pattern, Reference, make_pattern
+from comwalk.pattern.walk_pattern import Pattern, make_pattern
 from comwalk.sides import Side
 
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from scipy.integrate import quad, solve_bvp, solve_ivp
 
 from comwalk.errors import ParameterError, PlanError
+from comwalk.pattern.closed_form import coefficients, paper_com, paper_zmp, transfer_zmp
 from comwalk.pattern.footsteps import (
     PAPER_GAIT,
     Foothold,
@@ -23,15 +24,9 @@ from comwalk.pattern.footsteps import (
 )
 from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum, state_matrices
 from comwalk.pattern.polygon import polygon_margin
+from comwalk.pattern.reference import Phase
 from comwalk.pattern.regular_steps import plan_segments, plan_steps
-from comwalk.pattern.walk_pattern import (
-    Phase,
-    coefficients,
-    make_pattern,
-    paper_com,
-    paper_zmp,
-    transfer_zmp,
-)
+from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.sides import Side
 
 OMEGA = PAPER_PENDULUM.omega

@@ -19,9 +19,10 @@ from comwalk.pattern import records as rows
 from comwalk.pattern.footsteps import PAPER_GAIT, Foothold, FootstepPlan, Gait
 from comwalk.pattern.online import OnlinePattern
 from comwalk.pattern.pendulum import PAPER_PENDULUM, state_matrices
-from comwalk.pattern.reference import fill_reference
+from comwalk.pattern.phases import START_SPEED
+from comwalk.pattern.reference import Phase, fill_reference
 from comwalk.pattern.regular_steps import plan_steps
-from comwalk.pattern.walk_pattern import START_SPEED, Phase, make_pattern
+from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.model import load_robot
 from comwalk.sides import Side
 from comwalk.walking.mujoco_plant import SimulatedRobot

@@ -21,9 +21,9 @@ from comwalk.embedding.kinematic_records import LINK, SITE, Flat
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.records import REFERENCE
-from comwalk.pattern.reference import record_of
+from comwalk.pattern.reference import Phase, Reference, record_of
 from comwalk.pattern.regular_steps import plan_steps
-from comwalk.pattern.walk_pattern import Phase, Reference, make_pattern
+from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.kinematics import Kinematics
 from comwalk.run import simulate
 from comwalk.sides import Side

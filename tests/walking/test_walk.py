@@ -22,8 +22,9 @@ from comwalk.embedding.motion_checks import prepare_motion
 from comwalk.errors import ModelError, ParameterError, PlanError, RunError
 from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.reference import Phase
 from comwalk.pattern.regular_steps import plan_steps
-from comwalk.pattern.walk_pattern import Phase, make_pattern
+from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.replay import replay
 from comwalk.robot.model import load_robot
 from comwalk.run import simulate, simulate_pendulum

@@ -15,7 +15,8 @@ from comwalk.control.plant import Sensors
 from comwalk.control.settings import BodySettings, Control, SimulatorSettings
 from comwalk.pattern.footsteps import Foothold, FootstepPlan
 from comwalk.pattern.pendulum import PAPER_PENDULUM
-from comwalk.pattern.walk_pattern import Pattern, Phase, make_pattern
+from comwalk.pattern.reference import Phase
+from comwalk.pattern.walk_pattern import Pattern, make_pattern
 from comwalk.robot.kinematics import Kinematics
 from comwalk.run import simulate
 from comwalk.walking.whole_body import WholeBody

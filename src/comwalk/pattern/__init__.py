@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING
 from ..lazy import exports_of
 
 if TYPE_CHECKING:
+    from .closed_form import coefficients as coefficients
+    from .closed_form import transfer_zmp as transfer_zmp
     from .footsteps import PAPER_GAIT as PAPER_GAIT
     from .footsteps import Foothold as Foothold
     from .footsteps import Footstep as Footstep
@@ -31,17 +33,16 @@ if TYPE_CHECKING:
     from .records import COM as COM
     from .records import PHASE_SIZE as PHASE_SIZE
     from .records import REFERENCE as REFERENCE
+    from .reference import Phase as Phase
+    from .reference import Reference as Reference
     from .reference import fill_reference as fill_reference
+    from .reference import fill_references as fill_references
     from .reference import minimum_jerk as minimum_jerk
     from .reference import record_of as record_of
     from .reference import reference_of as reference_of
     from .regular_steps import plan_segments as plan_segments
     from .regular_steps import plan_steps as plan_steps
     from .walk_pattern import Pattern as Pattern
-    from .walk_pattern import Phase as Phase
-    from .walk_pattern import Reference as Reference
-    from .walk_pattern import coefficients as coefficients
     from .walk_pattern import make_pattern as make_pattern
-    from .walk_pattern import transfer_zmp as transfer_zmp
 
 __getattr__, __dir__ = exports_of(__name__, __file__)

@@ -13,15 +13,21 @@ import math
 import numpy as np
 
 from ..compiled import kernel
+from ..errors import PlanError
 from ..sides import Side
 from . import records as r
 from .footsteps import Footstep, FootstepPlan
 from .pendulum import Pendulum
-from .walk_pattern import MIN_MINJERK, START_SPEED, Phase, make_pattern
+from .reference import DOUBLE, SINGLE_LEFT, SINGLE_RIGHT, STAND, START, STOP
+from .turns import fill_turns, mean_yaw, set_turn, wrapped
 
-STAND, START, DOUBLE = int(Phase.STAND), int(Phase.START), int(Phase.DOUBLE)
-SINGLE_LEFT, SINGLE_RIGHT = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
-STOP = int(Phase.STOP)
+START_SPEED = 2.25
+"""Velocity at the end of the quintic start, in units of distance over duration [-]."""
+
+
+MIN_MINJERK = 0.2
+"""Shortest omega_n times duration of a "minjerk" double support [-]; below, the
+particular solution loses too many digits."""
 
 WORK_COLUMNS = 8
 """Columns of the scratch array that `link` and `fill_turns` use; a row per phase."""
@@ -50,9 +56,16 @@ def plan_table(plan: FootstepPlan, pendulum: Pendulum) -> np.ndarray:
         (11, 44)
     """
     omega, minjerk = pendulum.omega, plan.double_support == "minjerk"
-    shortest = min((step.double_support for step in plan.steps), default=math.inf)
-    if not plan.steps or (minjerk and omega * shortest < MIN_MINJERK):
-        return make_pattern(plan, pendulum).table.copy()
+    if not plan.steps:
+        return _standing_table(plan)
+    shortest = min(step.double_support for step in plan.steps)
+    if minjerk and omega * shortest < MIN_MINJERK:
+        k = int(np.argmin([step.double_support for step in plan.steps]))
+        least = MIN_MINJERK / (omega * shortest)
+        raise PlanError(
+            f"double support before footstep {k + 1} is too short for double_support "
+            f'= "minjerk": make it {least:.3g} times longer, or use "paper"'
+        )
     numbers = (number for step in plan.steps for number in _numbers_of(step))
     steps = np.fromiter(numbers, float, STEP_COLUMNS * len(plan.steps))
     steps = steps.reshape(-1, STEP_COLUMNS)
@@ -64,6 +77,18 @@ def plan_table(plan: FootstepPlan, pendulum: Pendulum) -> np.ndarray:
     feet = np.ravel(poses)
     times = np.array([plan.stand_time, plan.start_time, plan.stop_time])
     fill_plan(table, steps, stands, feet, times, omega, minjerk, work)
+    return table
+
+
+def _standing_table(plan: FootstepPlan) -> np.ndarray:
+    """Return the one phase of a plan without steps."""
+    table = np.zeros((1, r.PHASE_SIZE))
+    poses = [(foot.x, foot.y, foot.yaw) for foot in (plan.left, plan.right)]
+    still(
+        table[0], 0.0, 2 * plan.stand_time, STAND, 0.0, 0.0, 0.0, 0.0, np.ravel(poses)
+    )
+    yaw = mean_yaw(table[0], float(plan.left.yaw))
+    set_turn(table[0], 0.0, 1.0, yaw, 0.0, yaw, 0.0, 1.0)
     return table
 
 
@@ -202,12 +227,6 @@ def after(piece: np.ndarray) -> tuple[float, float]:
     """Return when a phase ends, and how many footsteps have landed then."""
     landed = piece[r.LANDED] + (1.0 if piece[r.SWINGING] >= 0.0 else 0.0)
     return piece[r.START] + piece[r.DURATION], landed
-
-
-@kernel
-def wrapped(angle: float) -> float:
-    """Return an angle in [-pi, pi]."""
-    return angle - math.tau * np.rint(angle / math.tau)
 
 
 @kernel
@@ -402,94 +421,3 @@ def reverse(piece: np.ndarray) -> None:
 
 
 # The heading.
-
-
-@kernel
-def mean_yaw(piece: np.ndarray, near: float) -> float:
-    """Return the mean heading of the resting feet that is nearest to one [rad]."""
-    left, right = piece[r.RESTING + 2], piece[r.RESTING + 5]
-    mean = left + 0.5 * wrapped(right - left)
-    return near + wrapped(mean - near)
-
-
-@kernel
-def fill_turns(table: np.ndarray, first: int, last: int, work: np.ndarray) -> None:
-    """Fill the headings of one walk, from standing (row `first`) to standing (`last`).
-
-    Its knots are the landings; it rests until the first double support.
-    """
-    yaw = mean_yaw(table[first], table[first, r.RESTING + 2])
-    if first > 0:
-        yaw = mean_yaw(table[first], table[first - 1, r.TURN + 3])
-    work[0, 4], work[0, 5] = table[first + 1, r.START], yaw
-    n = collect_knots(table, first + 2, last, work)
-    work[0, 6] = work[n - 1, 6] = 0.0
-    for row in range(first, first + 2):
-        set_turn(table[row], work[0, 4], 1.0, yaw, 0.0, yaw, 0.0, work[n - 1, 4])
-    set_turns(table, first + 2, last, n, work)
-
-
-@kernel
-def collect_knots(table: np.ndarray, first: int, last: int, work: np.ndarray) -> int:
-    """Write the knots of the heading after knot 0 and their slopes; return how many.
-
-    Args:
-        table: The phases.
-        first: The row from which on knots are looked for.
-        last: The row of standing at the end, which is the last knot.
-        work: Columns 4, 5, 6: time [s], yaw [rad], rate [rad/s]; knot 0 is there.
-    """
-    n = 1
-    for i in range(first, last + 1):
-        if int(table[i, r.KIND]) == DOUBLE or i == last:
-            work[n, 4] = table[i, r.START]
-            work[n, 5] = mean_yaw(table[i], work[n - 1, 5])
-            n += 1
-    for k in range(1, n - 1):
-        h_0, h_1 = work[k, 4] - work[k - 1, 4], work[k + 1, 4] - work[k, 4]
-        m_0 = (work[k, 5] - work[k - 1, 5]) / h_0
-        m_1 = (work[k + 1, 5] - work[k, 5]) / h_1
-        work[k, 6] = monotone_slope(h_0, h_1, m_0, m_1)
-    work[n - 1, 6] = 0.0
-    return n
-
-
-@kernel
-def monotone_slope(h_0: float, h_1: float, m_0: float, m_1: float) -> float:
-    """Return the slope of a monotone cubic at a knot (PCHIP)."""
-    if m_0 * m_1 <= 0.0:
-        return 0.0
-    w_0, w_1 = 2.0 * h_1 + h_0, h_1 + 2.0 * h_0
-    return (w_0 + w_1) / (w_0 / m_0 + w_1 / m_1)
-
-
-@kernel
-def set_turns(
-    table: np.ndarray, first: int, last: int, n: int, work: np.ndarray
-) -> None:
-    """Write the cubics between n knots into the rows from `first` to `last`."""
-    k, end = 0, work[n - 1, 4]
-    for i in range(first, last + 1):
-        while k < n - 2 and table[i, r.START] >= work[k + 1, 4]:
-            k += 1
-        a, b = work[k], work[k + 1]
-        set_turn(table[i], a[4], b[4] - a[4], a[5], a[6], b[5], b[6], end)
-
-
-@kernel
-def set_turn(
-    piece: np.ndarray,
-    start: float,
-    length: float,
-    yaw_0: float,
-    rate_0: float,
-    yaw_1: float,
-    rate_1: float,
-    end: float,
-) -> None:
-    """Write the cubic of a phase's heading from its values at two ends."""
-    mean = (yaw_1 - yaw_0) / length
-    piece[r.TURN] = (rate_0 + rate_1 - 2.0 * mean) / (length * length)
-    piece[r.TURN + 1] = (3.0 * mean - 2.0 * rate_0 - rate_1) / length
-    piece[r.TURN + 2], piece[r.TURN + 3] = rate_0, yaw_0
-    piece[r.TURN_START], piece[r.TURN_END] = start, end

@@ -1,12 +1,20 @@
-"""The pattern at one time without objects: `Pattern.at` as a compiled kernel.
+r"""What a pattern asks for at one time: `Reference`, and the kernels that fill it.
 
-`Pattern.at` says what is computed and why. This is the same on the rows of `rows`, for
-loops that must not allocate; a test ties the two.
+In each phase of duration S both axes of the CoM are
+
+.. math:: c(t) = \sum_{j=0}^5 a_j (t/S)^j
+   + \frac{\sinh(\omega_n (S - t)) \, r_0 + \sinh(\omega_n t) \, r_1}{\sinh(\omega_n S)}
+
+which is Eqs. (5) and (10) in single support, the straight lines of Eqs. (4) and (9) in
+double support, and whatever joins them at rest.
 """
 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import NamedTuple
 
 import numpy as np
 
@@ -14,7 +22,134 @@ from ..compiled import Record, kernel
 from ..sides import Side
 from . import records as r
 from .swing import VERTICAL_SHARE, FootMotion
-from .walk_pattern import Phase, Reference
+
+
+class Phase(IntEnum):
+    """What the legs do."""
+
+    STAND = 0
+    """Both feet carry the body at rest."""
+
+    START = 1
+    """Both feet stay; the CoM starts to move."""
+
+    DOUBLE = 2
+    """Both feet stay; the weight moves to the next foot."""
+
+    SINGLE_LEFT = 3
+    """The left foot carries the body, the right foot swings."""
+
+    SINGLE_RIGHT = 4
+    """The right foot carries the body, the left foot swings."""
+
+    STOP = 5
+    """Both feet stay; the CoM comes to rest."""
+
+
+class PhaseSpan(NamedTuple):
+    """One phase of a plan."""
+
+    start: float
+    """When it starts [s]."""
+
+    duration: float
+    """How long it lasts [s]."""
+
+    phase: Phase
+    """What the legs do."""
+
+    stance: Side
+    """The foot that carries the base limb at its end."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Reference:
+    """All that the pattern asks for at one time."""
+
+    time: float
+    """Time [s]."""
+
+    com: np.ndarray
+    """CoM [m], shape (3,), world."""
+
+    com_velocity: np.ndarray
+    """Velocity of the CoM [m/s], shape (3,), world."""
+
+    com_acceleration: np.ndarray
+    """Acceleration of the CoM [m/s^2], shape (3,), world."""
+
+    zmp: np.ndarray
+    """ZMP [m], shape (2,), world, on the ground."""
+
+    phase: Phase
+    """What the legs do."""
+
+    support: Side
+    """Foot of the base limb: the stance foot; it changes in mid double support."""
+
+    left_load: float
+    """Planned share of the weight on the left foot [-], in [0, 1]."""
+
+    heading: float
+    """Yaw of the trunk [rad], continuous with its rate; may leave [-pi, pi]."""
+
+    heading_rate: float
+    """Rate of the yaw of the trunk [rad/s]."""
+
+    left: FootMotion
+    """Left foot, world."""
+
+    right: FootMotion
+    """Right foot, world."""
+
+    walking: float
+    """0 standing, 1 walking, smooth in between during the start and the stop [-]."""
+
+    step: int
+    """Number of footsteps that have landed."""
+
+    def foot(self, side: Side) -> FootMotion:
+        """Return the motion of one foot.
+
+        Args:
+            side: Which foot.
+
+        Returns:
+            Its pose and velocity, world.
+        """
+        return self.left if side is Side.LEFT else self.right
+
+
+class Samples(NamedTuple):
+    """The pattern at many times, for plots."""
+
+    time: np.ndarray
+    """Times [s], shape (k,)."""
+
+    com: np.ndarray
+    """CoM [m], shape (k, 3)."""
+
+    com_velocity: np.ndarray
+    """Velocity of the CoM [m/s], shape (k, 3)."""
+
+    com_acceleration: np.ndarray
+    """Acceleration of the CoM [m/s^2], shape (k, 3)."""
+
+    zmp: np.ndarray
+    """ZMP [m], shape (k, 2)."""
+
+    left: np.ndarray
+    """Left sole centre [m], shape (k, 3)."""
+
+    right: np.ndarray
+    """Right sole centre [m], shape (k, 3)."""
+
+    heading: np.ndarray
+    """Yaw of the trunk [rad], shape (k,)."""
+
+    phase: np.ndarray
+    """`Phase` as int, shape (k,)."""
+
 
 _MIDDLE = 1.0 - 2.0 * VERTICAL_SHARE
 
@@ -106,6 +241,19 @@ def fill_reference(
 
 
 @kernel
+def fill_references(
+    table: np.ndarray,
+    omega: float,
+    height: float,
+    times: np.ndarray,
+    references: np.ndarray,
+) -> None:
+    """Write the references at many times [s]; see `fill_reference`."""
+    for k in range(len(times)):
+        fill_reference(table, omega, height, times[k], references[k])
+
+
+@kernel
 def phase_at(table: np.ndarray, time: float) -> int:
     """Return the number of the last phase that starts at a time or before."""
     low, high = 0, len(table)
@@ -131,7 +279,7 @@ def minimum_jerk(s: float) -> tuple[float, float]:
 
 @kernel
 def fill_com(piece: np.ndarray, s: float, omega: float, reference: Record) -> None:
-    """Write CoM and ZMP of a phase at the time s after its start [s] into a record."""
+    """Write CoM and ZMP of a phase, Eqs. (4), (5), (9), (10), s [s] after its start."""
     S, scale = piece[r.DURATION], piece[r.INVERSE_SINH]
     u, v = omega * (S - s), omega * s
     su = sv = cu = cv = 0.0
@@ -187,3 +335,12 @@ def fill_feet(piece: np.ndarray, s: float, reference: Record) -> None:
     foot.yaw_rate = dh * piece[r.TRAVEL + 2]
     foot.position[2] = height * (64.0 * bow**3)
     foot.velocity[2] = height * (192.0 * bow * bow * (1.0 - 2.0 * x) / S)
+
+
+STAND, START, DOUBLE = int(Phase.STAND), int(Phase.START), int(Phase.DOUBLE)
+
+
+SINGLE_LEFT, SINGLE_RIGHT = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
+
+
+STOP = int(Phase.STOP)

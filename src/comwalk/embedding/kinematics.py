@@ -404,7 +404,7 @@ def _solve_base(flat: Flat, wanted: Record) -> bool:
 
 @kernel
 def resolve(flat: Flat, wanted: Record, v: np.ndarray) -> int:
-    """Resolve a task at the configuration that the links are placed for.
+    """Resolve a task where the links are placed, Eqs. (22)-(25).
 
     Args:
         flat: The robot after `place_links` and `find_levers`, with what is wanted of

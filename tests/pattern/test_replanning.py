@@ -3,24 +3,26 @@
 import math
 import re
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.lib.recfunctions import structured_to_unstructured
 from scipy.linalg import expm
 
 from comwalk.certificates.defaults import default_control, sole_size
 from comwalk.control.law import WalkingController
 from comwalk.control.loop import walk
 from comwalk.errors import ParameterError, PlanError
+from comwalk.pattern import fill_references, records
 from comwalk.pattern import online as replanning
-from comwalk.pattern import records as rows
 from comwalk.pattern.footsteps import PAPER_GAIT, Foothold, FootstepPlan, Gait
 from comwalk.pattern.online import OnlinePattern
 from comwalk.pattern.pendulum import PAPER_PENDULUM, state_matrices
 from comwalk.pattern.phases import START_SPEED
-from comwalk.pattern.reference import Phase, fill_reference
+from comwalk.pattern.reference import Phase
 from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.model import load_robot
@@ -29,6 +31,20 @@ from comwalk.walking.mujoco_plant import SimulatedRobot
 from comwalk.walking.whole_body import WholeBody
 
 OMEGA = PAPER_PENDULUM.omega
+rows = SimpleNamespace(
+    **{name: place for name, place in vars(records).items() if name.isupper()}
+)
+"""Places of the numbers of a phase, and of a reference whose fields are in a row."""
+rows.TIME, rows.COM, rows.COM_VELOCITY, rows.COM_ACCELERATION = 0, 1, 4, 7
+rows.ZMP, rows.PHASE, rows.SUPPORT, rows.LEFT_LOAD, rows.HEADING = 10, 12, 13, 14, 15
+rows.LEFT_FOOT, rows.RIGHT_FOOT = 19, 27
+
+
+def numbers(reference: np.void) -> np.ndarray:
+    """Return all numbers of a record, one after the other."""
+    return structured_to_unstructured(np.array([reference]))[0]
+
+
 COM, VELOCITY, ACCELERATION = (slice(a, a + 2) for a in (rows.COM, 4, 7))
 ZMP = slice(rows.ZMP, rows.ZMP + 2)
 WIDE = Gait(half_width=0.12, half_step=0.08, turn=0.12)
@@ -43,16 +59,15 @@ GAITS = (
 def walked(online, times, each_tick=lambda online: None):
     found = []
     for time in times:
-        found.append(online.fill(time).copy())
+        found.append(numbers(online.fill(time)))
         each_tick(online)
     return np.array(found)
 
 
 def planned(pattern, times):
-    found = np.zeros((len(times), rows.ROW_SIZE))
-    for row, time in zip(found, times, strict=True):
-        fill_reference(pattern.table, OMEGA, PAPER_PENDULUM.height, time, row)
-    return found
+    found = np.zeros(len(times), records.REFERENCE)
+    fill_references(pattern.table, OMEGA, PAPER_PENDULUM.height, times, found)
+    return structured_to_unstructured(found)
 
 
 # Where nothing changes.
@@ -91,10 +106,10 @@ def test_it_does_not_depend_on_the_ticks(period):
     online.walk_on(WIDE)
     for time in np.arange(0.0, 7.777, period):
         online.at(time)
-    found = online.fill(7.777).copy()
+    found = numbers(online.fill(7.777))
     other = OnlinePattern(WIDE)
     other.walk_on(WIDE)
-    np.testing.assert_allclose(found, other.fill(7.777), atol=1e-12)
+    np.testing.assert_allclose(found, numbers(other.fill(7.777)), atol=1e-12)
     assert online.footsteps == other.footsteps
 
 
@@ -148,10 +163,10 @@ def test_delta_against_a_shooting_method(since):
     online = OnlinePattern(ahead=3)
     online.set_velocity(0.2)
     start = 0.5 + 1.0 + 0.2 + 0.8 + 0.2  # the second single support
-    before = online.fill(start + since).copy()
+    before = numbers(online.fill(start + since))
     online.set_velocity(0.05, 0.03)
     missing = propagated(online.table, since, OMEGA)
-    after = online.fill(start + since).copy()
+    after = numbers(online.fill(start + since))
     stance = after[rows.RIGHT_FOOT : rows.RIGHT_FOOT + 2]
     assert after[rows.PHASE] == Phase.SINGLE_RIGHT
     for axis in range(2):
@@ -181,21 +196,21 @@ def joystick(online, commands, end):
     found, time, jump, period = [], 0.0, 0.0, 0.02
     for wait, forward, side, turn, what in commands:
         for tick in np.arange(time, time + wait, period):
-            found.append(online.fill(tick).copy())
+            found.append(numbers(online.fill(tick)))
         time = max(time + wait, online.time)
-        before = online.fill(time).copy()
+        before = numbers(online.fill(time))
         if what == "stop":
             online.stop()
         else:
             online.set_velocity(forward, side, turn)
-        after = online.fill(time)
+        after = numbers(online.fill(time))
         change = np.abs(after - before)
         change[ACCELERATION], change[ZMP] = 0.0, 0.0
         change[[rows.PHASE, rows.SUPPORT]] = 0.0  # a start begins at once
         jump = max(jump, change.max())
     online.stop()
     for tick in np.arange(time, time + end, period):
-        found.append(online.fill(tick).copy())
+        found.append(numbers(online.fill(tick)))
     return np.array(found), jump
 
 

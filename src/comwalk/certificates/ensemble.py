@@ -1,9 +1,8 @@
 r"""Many robots of the simplified model at once, Eqs. (30)-(36), each disturbed alone.
 
 Each robot runs the ideal loop of Theorem 1, or the sampled one by its exact response
-over a period; only its largest errors are kept. The disturbance is as bad as noise can
-be: it rises or falls at the full rate b, turns at random, and stays within a.
-A million of them do not replace `worst_case`; they show how near chance comes to it.
+over a period; only its largest errors are kept. The disturbance rises or falls at the
+full rate b, turns at random, and stays within a: as bad as noise can be.
 """
 
 from __future__ import annotations

@@ -14,6 +14,8 @@ import logging
 from collections.abc import Callable
 from typing import Any, TypeVar, cast
 
+import numpy as np
+
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 Record = Any
 """One record of an array, or a field of it, as kernels see it."""
@@ -95,9 +97,19 @@ def load(compiled: Any, *arguments: Any) -> Callable[..., Any]:
     """
     import numba
 
-    if not numba.config.DISABLE_JIT:
+    if not numba.config.DISABLE_JIT:  # ty: ignore[missing-attribute]
         compiled.dispatcher.compile(tuple(numba.typeof(x) for x in arguments))
     return compiled.dispatcher
+
+
+def records(dtype: np.dtype, count: int = 1) -> np.ndarray:
+    """Return records, all zero.
+
+    Args:
+        dtype: What they are.
+        count: How many.
+    """
+    return np.zeros(count, dtype)
 
 
 @functools.cache

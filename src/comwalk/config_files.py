@@ -109,7 +109,6 @@ def read_table(file: str | Path) -> dict[str, Any]:
 
 
 def _underscored(value: Any) -> Any:
-    """Return a table with underscores instead of hyphens in its keys."""
     if not isinstance(value, dict):
         return value
     return {str(k).replace("-", "_"): _underscored(v) for k, v in value.items()}
@@ -192,7 +191,6 @@ def _located(
 
 
 def _is_optional(hint: Any) -> bool:
-    """Return whether a field may be None, which users write "none"."""
     return isinstance(hint, types.UnionType) and types.NoneType in get_args(hint)
 
 

@@ -17,7 +17,7 @@ from numba.core import cgutils, types
 from numba.extending import intrinsic
 
 _FLOAT = np.dtype(np.float64)
-UNCOMPILED = bool(numba.config.DISABLE_JIT)
+UNCOMPILED = bool(numba.config.DISABLE_JIT)  # ty: ignore[missing-attribute]
 """Whether kernels run as plain Python, by the environment NUMBA_DISABLE_JIT=1."""
 
 # Put into the callers: compiled by themselves, there would be one for each number k.
@@ -39,8 +39,6 @@ def handle_of(*arrays: np.ndarray) -> np.ndarray:
 
 @intrinsic
 def _pointer(context: Any, address: Any) -> Any:
-    """Return an address as a pointer."""
-
     def generate(context: Any, builder: Any, signature: Any, values: Any) -> Any:
         return builder.inttoptr(values[0], cgutils.voidptr_t)
 
@@ -49,7 +47,6 @@ def _pointer(context: Any, address: Any) -> Any:
 
 @inlined
 def _array_at(address: int, count: int, dtype: Any) -> np.ndarray:
-    """Return the array at an address, no copy."""
     return numba.carray(_pointer(address), (count,), dtype)  # ty: ignore[missing-argument]
 
 
@@ -61,7 +58,7 @@ if UNCOMPILED:
         if not size:
             return np.zeros(0, dtype)
         memory = (ctypes.c_char * size).from_address(int(address))
-        array = np.frombuffer(memory, dtype)
+        array = np.frombuffer(memory, dtype)  # ty: ignore[no-matching-overload]
         return array.view(np.recarray) if dtype.names else array
 
 

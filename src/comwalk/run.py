@@ -88,7 +88,6 @@ class Run(RunData):
         return report(self)
 
     def _repr_html_(self) -> str:
-        """Return the summary and figures, for a notebook."""
         from .runs import record_of
         from .views import notebook_html
 

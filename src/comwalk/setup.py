@@ -344,7 +344,6 @@ def build_identify(config: IdentifyConfig) -> IdentifySetup:
 
 
 def _load(config: RobotConfig) -> Robot:
-    """Return the robot."""
     from .robot import load_robot
 
     name, factor = config.robot, config.stiffness
@@ -352,7 +351,6 @@ def _load(config: RobotConfig) -> Robot:
 
 
 def _pendulum(config: RobotConfig, robot: Robot) -> Pendulum:
-    """Return the simplified model of a robot, with what was given of it."""
     from .certificates import default_pendulum
 
     return config.pendulum.over(default_pendulum(robot))
@@ -453,7 +451,6 @@ def _dancing(setup: Setup, config: WalkConfig | DanceConfig, prefix: str) -> Set
 
 
 def _option(config: WalkConfig | DanceConfig, name: str) -> Any:
-    """Return a value of a dance, which a walk calls motion_..."""
     return getattr(config, name)
 
 

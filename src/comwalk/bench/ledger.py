@@ -72,12 +72,10 @@ def source_digest() -> str:
 
 @cache
 def _versions() -> dict[str, str]:
-    """Return the versions that results depend on, looked up once."""
     return versions()
 
 
 def _digest(data: bytes) -> str:
-    """Return a short digest of some bytes."""
     return hashlib.sha256(data).hexdigest()[:20]
 
 

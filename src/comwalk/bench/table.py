@@ -155,7 +155,6 @@ def push_cell(results: Sequence[tuple[Case, Result]]) -> str:
 
 
 def _short(cause: str, length: int = 60) -> str:
-    """Return the beginning of a cause, safe in a table."""
     text = cause.split(";")[0].replace("|", "/") or "nothing"
     return text if len(text) <= length else text[: length - 3] + "..."
 
@@ -192,12 +191,10 @@ def tables_of_findings(findings: Findings) -> list[Table]:
 def _rows(
     findings: Findings, cells: Callable[[str], Iterable[str]]
 ) -> list[tuple[str, ...]]:
-    """Return a row for each robot."""
     return [(robot, *cells(robot)) for robot in findings.robots]
 
 
 def _done(findings: Findings, cases: Iterable[Case]) -> list[str]:
-    """Return the names of those cases that were done."""
     names = {job.case.name for job in findings.jobs}
     return [case.name for case in cases if case.name in names]
 
@@ -299,7 +296,6 @@ def _floor_table(findings: Findings) -> Table:
 
 
 def _millimetres(name: str) -> float:
-    """Return the height in a name such as "floor 5 mm"."""
     return float(name.split()[1])
 
 
@@ -414,13 +410,11 @@ def _grid(names: Sequence[str], cells: Sequence[str], width: int = 4) -> str:
 
 
 def _markdown(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
-    """Return a table in Markdown."""
     lines = [head, ("---",) * len(head), *rows]
     return "".join(f"| {' | '.join(line)} |\n" for line in lines)
 
 
 def _picture(path: Path, robot: str) -> Path:
-    """Return the picture of a robot in a document."""
     return path.parent / "images" / f"robot-{Path(robot).stem}.webp"
 
 

@@ -116,12 +116,10 @@ def tables_of(keys: Keys) -> dict[str, Any]:
 
 @cache
 def _loaded(robot: str) -> Robot:
-    """Return a robot, which takes a while to load and to find a gait for."""
     return load_robot(robot)
 
 
 def _natural_gait(robot: str) -> Gait:
-    """Return the natural gait of a robot."""
     return default_gait(_loaded(robot))
 
 

@@ -188,7 +188,6 @@ def invariant_set(
 
 
 def _checked_bounds(a: float, b: float) -> tuple[float, float]:
-    """Return the bounds on eps and its rate; refuse what is not above 0."""
     return (
         checked_number("a", a, unit="m/s", low=0.0, open_low=True),
         checked_number("b", b, unit="m/s^2", low=0.0, open_low=True),
@@ -329,7 +328,6 @@ def _settling(
 
 
 def _powers(row: np.ndarray, M: np.ndarray, count: int) -> np.ndarray:
-    """Return row, row M, row M^2, ... of shape (count, n), by doubling."""
     S, power = row[None, :], M
     while len(S) < count:
         S, power = np.vstack([S, S @ power]), power @ power
@@ -374,7 +372,6 @@ def _outputs(
 
 
 def _combined(w_eps: np.ndarray, w_rate: np.ndarray, dt: float) -> SampledWeights:
-    """Return weights of the samples alone: a rate is the difference of two."""
     w = w_eps.copy()
     w[1:] += w_rate[:-1] / dt
     w[:-1] -= w_rate[:-1] / dt
@@ -425,7 +422,6 @@ def sampled_worst_case(
 
 
 def _knots(count: int) -> np.ndarray:
-    """Return ticks with a knot: the last ones all, then fewer the longer ago."""
     if count <= _FINE + _KNOTS:
         return np.arange(count)
     ages = np.geomspace(_FINE, count - 1, _KNOTS).round()

@@ -216,7 +216,6 @@ def similar_gains(pendulum: Pendulum) -> Gains:
 
 @lru_cache(maxsize=32)
 def _designed(robot: Robot, period: float) -> Design:
-    """Return gains and filter for the steps of a robot's natural gait."""
     goal = DesignGoal(step_time=default_gait(robot).period)
     return design(
         default_pendulum(robot), sampled_loop_of(Control(period=period)), goal
@@ -339,7 +338,6 @@ def walk_pattern(
 
 
 def _home_posture(robot: Robot) -> Posture:
-    """Return the kinematics in the home posture."""
     return Kinematics(robot).posture(robot.home)
 
 
@@ -436,7 +434,6 @@ def _steps_at(
 
 
 def _hasty(haste: float, natural: Gait) -> dict[str, Any]:
-    """Return what else changes in a fast gait: lower swings, a smoother ZMP."""
     if haste <= 1.0:
         return {}
     swing = rounded(natural.swing_height * haste**SWING_EXPONENT)
@@ -450,6 +447,5 @@ def _axes(gains: Gains) -> Iterator[tuple[float, float]]:
 
 
 def _floored(x: float) -> float:
-    """Return a positive number rounded down to three digits, a limit to state."""
     scale = 10.0 ** (2 - math.floor(math.log10(x)))
     return math.floor(x * scale + 1e-6) / scale

@@ -67,7 +67,6 @@ def profile_of(robot: Robot) -> Profile:
 
 
 def _with_followers(robot: Robot, joints: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the joints of a limb, those that follow among them, base first."""
     more = [m.joint for m in robot.anatomy.coupled if m.primary in joints]
     return tuple(sorted({*joints, *more}, key=robot.joints.index))
 
@@ -157,7 +156,6 @@ def _servos(robot: Robot) -> dict[str, dict[str, float | bool]]:
 
 
 def _missing(robot: Robot) -> dict[str, list[str]]:
-    """Return the joints without limits, by the kind of limit."""
     columns = {"range": robot.upper - robot.lower, "speed": robot.speed}
     columns |= {"torque": robot.torque}
     names = np.array(robot.joints)
@@ -199,7 +197,6 @@ def _ends(robot: Robot) -> np.ndarray:
 
 
 def _digits(x: float) -> float:
-    """Return a number rounded to seven digits."""
     return float(f"{x:.7g}")
 
 
@@ -245,7 +242,6 @@ def rows_of(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
 
 
 def _listed(names: Iterable[str]) -> str:
-    """Return names, and how many there are if they are many."""
     every = list(names)
     more = f"{len(every)}: " if len(every) > 4 else ""
     return more + (", ".join(every) if len(every) < 8 else first_of(every, 6))

@@ -228,7 +228,6 @@ def advice(changes: Sequence[Change]) -> str:
 
 
 def _complaint(pattern: Pattern, worst: Demand) -> str:
-    """Return what is wrong with a pattern."""
     if worst.what != "reach":
         return f"the robot is not able to do this: {worst}"
     step = f"footstep {pattern.at(worst.time).step + 1} is"
@@ -315,7 +314,6 @@ def _smallest(
 def _fits(
     robot: Robot, pattern: Pattern, motion: EmbeddedMotion | None, period: float
 ) -> bool:
-    """Return whether a pattern fits a robot."""
     try:
         return feasibility(robot, pattern, motion, period=period).ok
     except PlanError:
@@ -344,12 +342,10 @@ def _changed(pattern: Pattern, kind: str, percent: int) -> tuple[Pattern, str]:
 
 
 def _sorted(demands: Sequence[Demand]) -> tuple[Demand, ...]:
-    """Return demands, the worst first."""
     return tuple(sorted(demands, key=lambda demand: -demand.share))
 
 
 def _reach_demands(robot: Robot, pattern: Pattern) -> list[Demand]:
-    """Return how much of their length both legs need."""
     return [
         Demand("reach", f"{side} leg", needed, length, "m", needed / length, time)
         for side, (needed, length, time) in leg_reaches(robot, pattern).items()

@@ -12,7 +12,6 @@ from .ideal_loop import _check_gains
 
 
 def _second_order(pendulum: Pendulum, k_p: float, k_c: float) -> tuple[float, float]:
-    """Return a_1, a_0 of s^2 + a_1 s + a_0, the polynomial of the error dynamics."""
     a_1 = pendulum.omega**2 / k_p
     return a_1, a_1 * (k_c - k_p)
 

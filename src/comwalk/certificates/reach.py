@@ -98,7 +98,6 @@ class _Sweep(NamedTuple):
 
 
 def _period(pattern: Pattern, period: float) -> float:
-    """Return the time between samples, so that swings have enough of them."""
     swings = [step.single_support for step in pattern.plan.steps]
     return min([period, *(time / _SAMPLES_PER_SWING for time in swings)])
 

@@ -306,7 +306,6 @@ def spectral_radius(
 
 @lru_cache(maxsize=1024)
 def _radius(pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop) -> float:
-    """Return the spectral radius; a certificate asks for the same several times."""
     M = sampled_loop_matrix(pendulum, k_p, k_c, loop)
     return float(np.abs(np.linalg.eigvals(M)).max())
 

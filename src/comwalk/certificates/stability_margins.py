@@ -129,8 +129,6 @@ def gain_limit(pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop) ->
 def _unstable_factors(
     pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop
 ) -> list[float]:
-    """Return the factors on both gains at which a pole is on the unit circle."""
-
     def factor(z: np.ndarray, C: np.ndarray, P: np.ndarray) -> np.ndarray:
         return -1.0 / loop_gain(k_p, k_c, loop, z, C, P)
 

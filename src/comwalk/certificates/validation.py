@@ -147,14 +147,12 @@ class _Axis:
 
 
 def _along(values: np.ndarray, heading: np.ndarray) -> np.ndarray:
-    """Return vectors in world axes in those of the heading, (n, 2)."""
     c, s = np.cos(heading), np.sin(heading)
     x, y = values.T
     return np.stack([c * x + s * y, c * y - s * x], axis=1)
 
 
 def _smooth(values: np.ndarray, dt: float) -> np.ndarray:
-    """Return what is below the bandwidth, without delay."""
     return gaussian_filter1d(values, _width(dt), mode="nearest", truncate=_REACH)
 
 
@@ -164,7 +162,6 @@ def _width(dt: float) -> float:
 
 
 def _size(eps: np.ndarray, dt: float) -> tuple[float, float]:
-    """Return the largest size of a disturbance and of its rate."""
     return float(np.abs(eps).max()), float(np.abs(np.diff(eps)).max() / dt)
 
 
@@ -194,7 +191,6 @@ def _observed(
 
 
 def _ideal(x: _Axis, e_c: np.ndarray, rate: np.ndarray, e_p: np.ndarray) -> Compared:
-    """Return bounds and errors of the ideal loop: k_p e_p = e_c' + k_c e_c + eps."""
     a, b = _size(x.k_p * e_p - rate - x.k_c * e_c, x.loop.period)
     gains = x.pendulum, x.k_p, x.k_c
     com, zmp = (worst_case(*gains, a, b, output).bound for output in ("com", "zmp"))
@@ -221,13 +217,11 @@ def _as_it_runs(
 
 
 def _lagged(values: np.ndarray, alpha: float) -> np.ndarray:
-    """Return a first-order low-pass of a signal, at rest at its first value."""
     first = np.array([(1.0 - alpha) * values[0]])
     return lfilter([alpha], [1.0, alpha - 1.0], values, zi=first)[0]
 
 
 def _largest(values: np.ndarray) -> float:
-    """Return the largest size."""
     return float(np.abs(values).max())
 
 

@@ -138,12 +138,10 @@ def _ablations(names: list[str]) -> list[Ablation]:
 
 
 def _listed(text: str | None) -> list[str]:
-    """Return the words of a list."""
     return [word for part in (text or "").split(",") if (word := part.strip())]
 
 
 def _is_quick(case: Case) -> bool:
-    """Return whether a case is for a quick look: one time of pushes is enough."""
     return case.shove is None or case.shove.share == PUSH_SHARES[1]
 
 

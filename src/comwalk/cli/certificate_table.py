@@ -154,12 +154,10 @@ def _loop_rows() -> Iterator[Reader]:
 
 
 def _yes(value: bool) -> str:
-    """Return yes or no."""
     return "yes" if value else "no"
 
 
 def _number(value: float | None) -> str:
-    """Return a number with three digits."""
     if value is None:
         return "-"
     return "any" if math.isinf(value) else f"{value:.3g}"
@@ -261,7 +259,6 @@ def facts_of(
 
 
 def _estimate(x: Estimate | None, scale: float = 1.0) -> dict[str, float] | None:
-    """Return a number and its deviation."""
     if x is None:
         return None
     return {"value": scale * x.value, "deviation": scale * x.deviation}
@@ -287,7 +284,6 @@ def _axis(fit: ResponseFit, k: int, control: Control) -> dict[str, Any]:
 
 
 def _loop(loop: SampledLoop) -> dict[str, Any]:
-    """Return the fields of a loop that were identified."""
     names = ["period", "delay", "servo_lag", "dead_time"]
     if loop.mode_frequency is not None:
         names += ["mode_frequency", "mode_damping"]

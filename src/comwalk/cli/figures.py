@@ -83,7 +83,6 @@ def draw_figures(
 
 
 def _ignoring_arms(setup: Setup) -> Setup:
-    """Return a setup whose resolution does not know of the embedded motion."""
     body = dataclasses.replace(setup.control.body, embed_motion=False)
     control = dataclasses.replace(setup.control, body=body)
     return dataclasses.replace(setup, control=control)
@@ -216,12 +215,10 @@ def _rms_mm(error: np.ndarray) -> tuple[float, float]:
 
 
 def _text(value: float | None) -> str:
-    """Return a number for people, "-" for none."""
     return "-" if value is None else f"{value:.4g}"
 
 
 def _rows(quantities: Sequence[Quantity]) -> list[Row]:
-    """Return the rows of a picture's table."""
     return [Row(q.label, _text(q.paper), _text(q.ours), q.unit) for q in quantities]
 
 

@@ -113,7 +113,6 @@ _ROWS = (
 
 
 def _cell(value: dict[str, float] | None, scale: float, digits: int, unit: str) -> str:
-    """Return a number with its deviation."""
     if value is None:
         return "none"
     number, deviation = scale * value["value"], scale * value["deviation"]
@@ -121,5 +120,4 @@ def _cell(value: dict[str, float] | None, scale: float, digits: int, unit: str) 
 
 
 def _margin(value: float | None) -> str:
-    """Return a delay margin."""
     return "any" if value is None else f"{value:.1f} ms"

@@ -360,7 +360,6 @@ class _Lasting:
 
 
 def _checked(setup: Setup) -> Setup:
-    """Return a setup that can be walked without another check."""
     check_control(setup.control, setup.pattern.pendulum)
     if not setup.force:
         check_feasible(_robot_of(setup), setup.pattern, setup.motion)
@@ -368,7 +367,6 @@ def _checked(setup: Setup) -> Setup:
 
 
 def _robot_of(setup: Setup) -> Robot:
-    """Return the robot that walks."""
     if setup.robot is None:
         raise ParameterError('a live walk needs a robot; leave out plant "pendulum"')
     return setup.robot

@@ -63,7 +63,6 @@ def flags_of(
 
 
 def _noted(hint: Any, note: Parameter) -> Any:
-    """Return a type with a note for the parser; both are known at run time only."""
     return Annotated[hint, note]
 
 
@@ -106,14 +105,12 @@ def _shown(default: Any, suits_robot: bool) -> str:
 
 
 def _hint(hint: Any) -> Any:
-    """Return the type of a flag: that of the field, or None when not given."""
     if get_origin(hint) is tuple and get_args(hint)[-1] is Ellipsis:
         return list[str] | None
     return Any if _is_pair(hint) else hint | None
 
 
 def _is_pair(hint: Any) -> bool:
-    """Return whether a field holds a pair of numbers, or none."""
     options = get_args(hint) if isinstance(hint, UnionType) else (hint,)
     return any(get_args(option) == (float, float) for option in options)
 
@@ -132,7 +129,6 @@ def _parsing(hint: Any, default: Any) -> dict[str, Any]:
 
 
 def _read_text(hint: Any, tokens: Any) -> str:
-    """Return text; the word "none" stays, for it stands against a file."""
     return tokens[0].value
 
 
@@ -146,7 +142,6 @@ def _read_number(hint: Any, tokens: Any) -> float | str:
 
 
 def _read_whole(hint: Any, tokens: Any) -> int:
-    """Return a whole number, without cutting off a fraction."""
     try:
         return int(tokens[0].value)
     except ValueError:

@@ -40,19 +40,16 @@ def _print_table(rows: list[tuple], head: tuple[str, ...] = ("", "")) -> None:
 
 
 def _number(value: Any) -> str:
-    """Return a number or text for a table; empty for what is not stated."""
     if value is None:
         return ""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _cell(value: Any) -> str:
-    """Return a value for a table."""
     return ", ".join(value) if isinstance(value, list) else _number(value)
 
 
 def _plain(value: Any) -> Any:
-    """Return a value ready for JSON."""
     from ..run import plain
 
     return plain(value)

@@ -215,7 +215,6 @@ def _about(facts: LogFacts) -> list[tuple[str, str]]:
 
 
 def _cut(facts: LogFacts) -> str:
-    """Return where a log was cut off."""
     return (
         f"it was cut off at byte {facts.end.size}; all {facts.messages} messages "
         f"before the cut, up to {facts.duration:.3f} s, are there"

@@ -130,7 +130,6 @@ _DEMANDS_SHOWN = 12
 
 
 def _demand_cells(row: dict[str, Any]) -> tuple[str, ...]:
-    """Return a demand for a table."""
     used = f"{100 * row['share']:.1f} %"
     numbers = (f"{row['demanded']:.3g}", f"{row['limit']:.3g}", row["unit"])
     return used, row["what"], row["joint"], *numbers, f"{row['time']:.2f} s"
@@ -445,7 +444,6 @@ def _summary_rows(s: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
 
 def _text(s: dict[str, Any], key: str, form: str) -> str:
-    """Return a figure as text, empty if it is missing."""
     value = s.get(key)
     return "" if value is None else form.format(value)
 

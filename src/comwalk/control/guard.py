@@ -8,7 +8,7 @@ from enum import StrEnum
 
 import numpy as np
 
-from ..compiled import Record, kernel
+from ..compiled import Record, kernel, records
 from ..errors import checked_number
 from ..pattern import Phase, Reference
 
@@ -79,7 +79,6 @@ class Watch:
 
 
 def _end(end: End, reference: Reference, cause: str) -> Outcome:
-    """Return an outcome at a reference's time."""
     return Outcome(end, reference.time, reference.phase, reference.step, cause)
 
 
@@ -152,7 +151,7 @@ def guard_of(watch: Watch) -> tuple[np.ndarray, np.ndarray]:
     Returns:
         One record of `WATCH` and one of `GUARD`.
     """
-    rules, guard = np.zeros(1, WATCH), np.zeros(1, GUARD)
+    rules, guard = records(WATCH), records(GUARD)
     for name in WATCH.names or ():
         rules[name] = getattr(watch, name)
     guard["lightened"] = math.nan

@@ -21,7 +21,7 @@ from typing import Any, Protocol, TypeAlias
 
 import numpy as np
 
-from ..compiled import Record, kernel
+from ..compiled import Record, kernel, records
 from ..errors import ParameterError, checked_number
 from ..pattern import REFERENCE
 from .filters import low_pass_coefficient
@@ -216,7 +216,6 @@ class Controller(Protocol):
 
 @kernel
 def _limited(x: float, y: float, limit: float) -> tuple[float, float, bool]:
-    """Return the vector shortened to the limit, and whether it was longer."""
     length = math.hypot(x, y)
     if length <= limit:
         return x, y, False
@@ -365,11 +364,11 @@ class WalkingController:
         """
         self.settings = settings or ControlSettings()
         self.period = checked_number("period", period, unit="s", low=0, open_low=True)
-        self.law, self.state = np.zeros(1, LAW), np.zeros(1, LAW_STATE)
+        self.law, self.state = records(LAW), records(LAW_STATE)
         """Its records, which a whole body's tick shares."""
         self.past = np.zeros((int(self.settings.delay) + 1, 4))
         """Reference CoM and ZMP of the last delay + 1 ticks [m]."""
-        self._reference = np.zeros(1, REFERENCE)
+        self._reference = records(REFERENCE)
         law = self.law[0]
         law["period"] = self.period
         law["alpha"] = low_pass_coefficient(self.settings.zmp_cutoff, self.period)

@@ -156,5 +156,4 @@ class Control:
 
 
 def _listed(value: object) -> list[object]:
-    """Return the items of a tuple or list; anything else as the only item."""
     return list(value) if isinstance(value, (tuple, list)) else [value]

@@ -6,6 +6,7 @@ from ..lazy import exports_of
 
 if TYPE_CHECKING:
     from ..compiled import Record as Record
+    from ..compiled import records as records
     from .dances import BUILTIN_MOTIONS as BUILTIN_MOTIONS
     from .dances import builtin_motion as builtin_motion
     from .kinematic_records import ANY_AXIS as ANY_AXIS
@@ -17,7 +18,6 @@ if TYPE_CHECKING:
     from .kinematic_records import WANTED as WANTED
     from .kinematic_records import Flat as Flat
     from .kinematic_records import flat_at as flat_at
-    from .kinematic_records import records as records
     from .kinematic_records import wanted_at as wanted_at
     from .kinematics import SOLVED as SOLVED
     from .kinematics import find_levers as find_levers

@@ -82,16 +82,6 @@ WANTED = np.dtype(
 """What is wanted of the whole body, and scratch space."""
 
 
-def records(dtype: np.dtype, count: int = 1) -> np.ndarray:
-    """Return records, all zero.
-
-    Args:
-        dtype: What they are.
-        count: How many.
-    """
-    return np.zeros(count, dtype)
-
-
 class Flat(NamedTuple):
     """A robot's records, and the workspace of kernels; not shared by two users."""
 

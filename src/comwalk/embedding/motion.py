@@ -140,14 +140,12 @@ class Motion:
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:
-    """Return a read-only contiguous copy."""
     copy = np.array(array, dtype=float, order="C")
     copy.setflags(write=False)
     return copy
 
 
 def _is_word(text: object) -> bool:
-    """Return whether a name is text that fits on one line of a file."""
     is_text = isinstance(text, str) and text.isprintable()
     return is_text and text == text.strip() and bool(text)
 
@@ -459,17 +457,14 @@ def _blend_rates(
 
 
 def _rounded_down(x: float) -> str:
-    """Return a number rounded down to 3 digits, so that advice is safe to follow."""
     return _rounded(x, math.floor)
 
 
 def _rounded_up(x: float) -> str:
-    """Return a number rounded up to 3 digits."""
     return _rounded(x, math.ceil)
 
 
 def _rounded(x: float, round_to: Callable[[float], int]) -> str:
-    """Return a positive number rounded to 3 digits in the given direction."""
     if not x > 0.0:
         return "0"
     digits = 2 - math.floor(math.log10(x))

@@ -107,7 +107,6 @@ def _room(
 def _position_shares(
     motion: Motion, home: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> np.ndarray:
-    """Return by how much each joint must move less to keep its limits, (m,)."""
     away = _position_extremes(motion)[1] - home
     room = np.where(away > 0.0, upper - home, home - lower)
     columns = range(len(motion.joints))
@@ -115,7 +114,6 @@ def _position_shares(
 
 
 def _share_of(allowed: np.ndarray, needed: np.ndarray) -> float:
-    """Return the share of what is needed that is allowed everywhere, at most 1."""
     over = needed > allowed * (1.0 + _TOLERANCE)
     shares = np.divide(allowed, needed, where=over, out=np.ones(over.shape))
     least = float(shares.min())
@@ -208,13 +206,11 @@ def _position_extremes(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _rate_extremes(motion: Motion) -> tuple[np.ndarray, np.ndarray]:
-    """Return times and rates among which are all extremes of the spline's rates."""
     a, b, _, _ = np.moveaxis(motion._segments, 1, 0)
     return _sampled(motion, [np.zeros_like(a), _ratio(-b, 3.0 * a)], rates=True)
 
 
 def _ratio(above: np.ndarray, below: np.ndarray) -> np.ndarray:
-    """Return the quotient, zero where it is not a usable number."""
     usable = np.abs(below) > 1e-12 * np.abs(above)
     return np.divide(above, below, where=usable, out=np.zeros_like(above))
 

@@ -112,7 +112,6 @@ def _read_csv(file: Path, robot_joints: Sequence[str] | None) -> dict[str, Any]:
 
 
 def _cells(number: int, line: str) -> list[str]:
-    """Return the cells of a line of a CSV file."""
     try:
         return [cell.strip() for cell in next(csv.reader([line]))]
     except csv.Error as error:

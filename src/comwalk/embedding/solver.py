@@ -148,7 +148,6 @@ class Resolver:
         return Resolution(v, posture, task, self.limbs)
 
     def _unlimited(self, S: np.ndarray) -> RateLimits:
-        """Return limits that no rate meets."""
         far = np.full(S.shape[1] - 6, np.inf)
         return RateLimits(-far, far)
 
@@ -325,7 +324,6 @@ class Resolver:
 
 
 def _as_slice(indices: list[int]) -> slice | None:
-    """Return neighbouring indices as a slice, None if they are not neighbours."""
     if indices == list(range(indices[0], indices[-1] + 1)):
         return slice(indices[0], indices[-1] + 1)
     return None

@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from .polygon import rectangle as rectangle
     from .polygon import rectangle_in as rectangle_in
     from .polygon import share_between as share_between
-    from .records import COM as COM
     from .records import PHASE_SIZE as PHASE_SIZE
     from .records import REFERENCE as REFERENCE
     from .reference import Phase as Phase

@@ -123,7 +123,6 @@ def _check_style(style: object) -> None:
 
 
 def _checked_side(side: object) -> Side:
-    """Return a side from itself or its word."""
     if side not in tuple(Side):
         hint = nearest(str(side), tuple(Side))
         raise ParameterError(f'side must be "left" or "right", got {side!r}; {hint}')

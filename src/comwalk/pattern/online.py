@@ -354,7 +354,6 @@ class OnlinePattern:
 
 
 def _within(value: float, limit: float) -> float:
-    """Return a number that rounding may have put outside its limits."""
     return min(max(value, -limit), limit)
 
 

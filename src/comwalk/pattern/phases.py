@@ -93,7 +93,6 @@ def _standing_table(plan: FootstepPlan) -> np.ndarray:
 
 
 def _numbers_of(step: Footstep) -> tuple[float, ...]:
-    """Return the numbers of a footstep."""
     foot = 0.0 if step.side is Side.LEFT else 1.0
     S, D = step.single_support, step.double_support
     return foot, step.x, step.y, step.yaw, S, D, step.swing_height

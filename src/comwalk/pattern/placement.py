@@ -93,6 +93,5 @@ def _sole_gap(a: np.ndarray, b: np.ndarray, size: tuple[float, float]) -> np.nda
 
 
 def _turned(d: np.ndarray, yaw: np.ndarray) -> np.ndarray:
-    """Return world vectors (n, 2) in frames of the given headings (n,)."""
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.stack([cos * d[:, 0] + sin * d[:, 1], cos * d[:, 1] - sin * d[:, 0]], 1)

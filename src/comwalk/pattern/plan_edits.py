@@ -141,7 +141,6 @@ def _seen_steps(plan: FootstepPlan) -> list[Footstep]:
 
 
 def _repeats(step: Footstep, other: Footstep) -> bool:
-    """Return whether two steps, each seen from the other foot, are the same."""
     rest = (step.side, step.single_support, step.double_support, step.swing_height)
     same = (other.side, other.single_support, other.double_support, other.swing_height)
     near = math.dist(_row(step.foothold), _row(other.foothold)) < 1e-9
@@ -149,7 +148,6 @@ def _repeats(step: Footstep, other: Footstep) -> bool:
 
 
 def _seen_from(foot: Foothold, other: Foothold) -> Foothold:
-    """Return where a foot is, seen from the other one."""
     dx, dy = other.x - foot.x, other.y - foot.y
     cos, sin = math.cos(foot.yaw), math.sin(foot.yaw)
     turn = shortest_turn(foot.yaw, other.yaw)
@@ -157,5 +155,4 @@ def _seen_from(foot: Foothold, other: Foothold) -> Foothold:
 
 
 def _toward_side(seen: Foothold, side: float, factor: float) -> Foothold:
-    """Return a foothold moved toward the place beside the foot it is seen from."""
     return Foothold(factor * seen.x, side + factor * (seen.y - side), factor * seen.yaw)

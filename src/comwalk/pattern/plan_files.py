@@ -148,7 +148,6 @@ def _overridden(key: str, table: Mapping[str, Any]) -> bool:
 
 
 def _gait_of(usual: Gait, table: Mapping[str, Any], where: str) -> Gait:
-    """Return a gait from a table of TOML."""
     given = _radians(table, "turn", where)
     return _named(where, dataclasses.replace, usual, **given)
 
@@ -185,7 +184,6 @@ def _explicit_plan(
 
 
 def _stand_of(document: Mapping[str, Any], side: Side, gait: Gait) -> Foothold:
-    """Return where a foot stands at the start."""
     table = _table(document.get(side.value, {}), f'"{side}"', _POSE_KEYS)
     pose = {"x": 0.0, "y": side.sign * gait.half_width}
     return Foothold(**{**pose, **_radians(table, "yaw", f'"{side}"')})
@@ -221,7 +219,6 @@ def _table(value: object, where: str, known: Sequence[str]) -> Mapping[str, Any]
 
 
 def _tables(document: Mapping[str, Any], name: str) -> list[object]:
-    """Return an array of tables of TOML."""
     value = document.get(name, [])
     if not isinstance(value, list):
         raise PlanError(f"{name}: write it as [[{name}]] tables")

@@ -181,7 +181,6 @@ def reference_of(record: np.void) -> Reference:
 
 
 def _foot_of(record: np.void) -> FootMotion:
-    """Return the motion of a foot from its record."""
     position, velocity = record["position"].copy(), record["velocity"].copy()
     return FootMotion(
         position, float(record["yaw"]), velocity, float(record["yaw_rate"])

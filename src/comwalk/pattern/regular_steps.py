@@ -174,7 +174,6 @@ def _walk(
 
 
 def _first_side(gait: Gait) -> Side:
-    """Return the foot that can start without meeting the other."""
     way = gait.lateral or gait.turn
     return Side.LEFT if way > 0.0 else Side.RIGHT
 
@@ -190,14 +189,12 @@ def _shifts(gait: Gait, count: int, side: Side) -> list[float]:
 
 
 def _advanced(body: Foothold, gait: Gait, shift: float) -> Foothold:
-    """Return the pose of the body one step later, along an arc."""
     half_turn = Foothold(0.0, 0.0, gait.turn / 2)
     move = Foothold(2 * gait.half_step, shift)
     return body.compose(half_turn).compose(move).compose(half_turn)
 
 
 def _beside(body: Foothold, gait: Gait) -> dict[Side, Foothold]:
-    """Return the footholds at +-A beside the body."""
     A = gait.half_width
     return {side: body.compose(Foothold(0.0, side.sign * A)) for side in Side}
 

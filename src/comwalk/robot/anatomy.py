@@ -131,7 +131,6 @@ def find_anatomy(
 
 
 def _trunk(zero: Skeleton, torso: Sequence[str]) -> str:
-    """Return the body that the torso's last joint moves, else the base."""
     last = zero.model.joint(torso[-1]).id if torso else 0
     return zero.model.body(zero.body_of(last)).name
 
@@ -224,7 +223,6 @@ _MANY_LEGS = (
 
 
 def _ids(zero: Skeleton, names: Iterable[str]) -> Joints:
-    """Return joints by name."""
     return tuple(zero.model.joint(name).id for name in names)
 
 

@@ -118,7 +118,6 @@ def _over_ankle(look: Skeleton, sole: Sole, ankle: int) -> Sole:
 
 
 def _imu_body(model: mujoco.MjModel) -> str:
-    """Return the body that bears the IMU, the base if no site marks it."""
     names = [model.site(i).name for i in range(model.nsite)]
     body = model.site_bodyid[names.index("imu")] if "imu" in names else 1
     return model.body(body).name

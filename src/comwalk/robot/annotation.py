@@ -325,7 +325,6 @@ def _welded_com(zero: Skeleton, body: str) -> np.ndarray:
 
 
 def _body_of(zero: Skeleton, joints: tuple[str, ...]) -> str:
-    """Return the body that the last of some joints moves."""
     return zero.model.body(zero.body_of(zero.model.joint(joints[-1]).id)).name
 
 

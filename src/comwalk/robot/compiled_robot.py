@@ -13,7 +13,8 @@ from typing import Any
 
 import numpy as np
 
-from ..embedding import ANY_AXIS, LIMB, LINK, LONGEST, SITE, SLIDE, Flat, records
+from ..compiled import records
+from ..embedding import ANY_AXIS, LIMB, LINK, LONGEST, SITE, SLIDE, Flat
 from ..errors import ModelError
 from .kinematics import Kinematics
 from .model import Robot
@@ -57,7 +58,6 @@ def links_in(robot: Robot, model: Any) -> np.ndarray:
 
 
 def _at_zero(robot: Robot) -> Kinematics:
-    """Return kinematics in the zero posture, the body center at the origin."""
     zero, q = Kinematics(robot, ()), robot.model.qpos0.copy()
     q[:7] = 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0
     zero.update(q)

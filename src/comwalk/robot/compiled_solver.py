@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..compiled import batch_kernel, kernel, parallel_range
+from ..compiled import batch_kernel, kernel, parallel_range, records
 from ..embedding import (
     ALL_ROWS,
     SOLVED,
@@ -31,7 +31,6 @@ from ..embedding import (
     flat_at,
     integrate,
     place_links,
-    records,
     resolve,
     resolve_at,
     wanted_at,

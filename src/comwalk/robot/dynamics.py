@@ -89,13 +89,11 @@ class InverseDynamics:
     def _zmp(
         self, base: np.ndarray, force: np.ndarray, moment: np.ndarray
     ) -> np.ndarray:
-        """Return the ZMP of a wrench at the base, at the height of the lower sole."""
         height = self._soles[:, 2].min()
         arm = np.array([-moment[1], moment[0]]) - (base[2] - height) * force[:2]
         return base[:2] + arm / force[2]
 
     def _left_share(self, zmp: np.ndarray) -> float:
-        """Return where a ZMP is between the soles: 0 at the right, 1 at the left."""
         return share_between(zmp, *self._soles[:, :2])
 
     def _stand_on(

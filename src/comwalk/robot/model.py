@@ -357,7 +357,6 @@ def _read_servo(model: mujoco.MjModel, joints: Iterable[str], path: Path) -> Ser
 
 
 def _torque_limits(model: mujoco.MjModel, servo: Servo) -> np.ndarray:
-    """Return torque limits of the actuators."""
     limited = model.actuator_forcelimited[servo.actuators] > 0
     return np.where(limited, model.actuator_forcerange[servo.actuators, 1], np.inf)
 

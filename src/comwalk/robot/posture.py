@@ -248,7 +248,6 @@ class _Seeker:
         return self._settled(q)
 
     def _settled(self, q: np.ndarray) -> np.ndarray:
-        """Return a posture, and keep it as the present one."""
         self.q[:] = q
         self._update()
         return q.copy()
@@ -412,5 +411,4 @@ def _ranges(
 
 
 def _unit(v: np.ndarray) -> np.ndarray:
-    """Return a vector of length 1."""
     return v / max(float(np.linalg.norm(v)), 1e-9)

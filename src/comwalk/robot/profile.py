@@ -153,7 +153,6 @@ def _table_in(path: Path) -> dict[str, Any]:
 
 
 def _read(key: str, value: Any) -> Any:
-    """Return the value of a field."""
     if key not in _READERS:
         raise ParameterError(f'unknown key "{key}"; {nearest(key, _READERS)}')
     return _READERS[key](key, value)
@@ -187,7 +186,6 @@ Reader = Callable[[str, Any], Any]
 
 
 def _text(key: str, value: Any) -> str:
-    """Return a name."""
     if not isinstance(value, str) or not value:
         raise ParameterError(f'{key} must be a name, such as "torso", got {value!r}')
     return value
@@ -203,14 +201,12 @@ def _names(key: str, value: Any) -> tuple[str, ...]:
 
 
 def _table(key: str, value: Any) -> Mapping[str, Any]:
-    """Return a table."""
     if not isinstance(value, Mapping):
         raise ParameterError(f"{key} must be a table, [{key}], got {value!r}")
     return value
 
 
 def _number(low: float, high: float, unit: str, factor: float = 1.0) -> Reader:
-    """Return a reader of numbers in a range."""
     return lambda key, value: (
         checked_number(key, value, unit=unit, low=low, high=high) * factor
     )
@@ -233,7 +229,6 @@ def _sides(reader: Reader) -> Reader:
 
 
 def _joints(reader: Reader) -> Reader:
-    """Return a reader of values by joint."""
     return lambda key, value: {
         name: reader(f"{key}.{name}", part) for name, part in _table(key, value).items()
     }
@@ -381,7 +376,6 @@ _COMMENTS = {
 
 
 def _bare(name: str) -> str:
-    """Return a key, quoted if it must be."""
     return name if re.fullmatch(r"[\w-]+", name, re.ASCII) else _toml(name)
 
 

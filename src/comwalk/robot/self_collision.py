@@ -95,7 +95,6 @@ def _colliding(spec: mujoco.MjSpec) -> mujoco.MjModel:
 
 
 def _link_names(model: mujoco.MjModel) -> list[str]:
-    """Return the name of each body."""
     return [model.body(b).name or f"body {b}" for b in range(model.nbody)]
 
 

@@ -157,7 +157,6 @@ def _lowest_face(points: np.ndarray, length: float) -> np.ndarray | None:
 
 
 def _flattened(points: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Return the hull of points projected along a normal on the horizontal plane."""
     along = points[:, 2:] / normal[2]
     return convex_hull((points - along * normal)[:, :2])
 
@@ -219,7 +218,6 @@ def _mesh_points(zero: Skeleton, meshes: Sequence[LinkMesh]) -> np.ndarray:
 
 
 def _fitted_face(zero: Skeleton, leg: Sequence[int], length: float) -> np.ndarray:
-    """Return a sole of usual proportions under the ankle, (4, 3)."""
     l, w, h = (share * length for share in _USUAL)  # noqa: E741
     x, y = np.array([-0.4, 0.6, 0.6, -0.4]) * l, np.array([-0.5, -0.5, 0.5, 0.5]) * w
     return zero.anchors(leg)[-1] + np.stack([x, y, np.full(4, -h)], axis=1)

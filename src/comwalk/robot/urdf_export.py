@@ -62,7 +62,6 @@ def robot_urdf(robot: Robot) -> str:
 
 
 def _numbers(values: np.ndarray) -> str:
-    """Return numbers as text; none is "-0"."""
     return " ".join(f"{x + 0.0:.9g}" for x in np.round(values, 12).tolist())
 
 
@@ -77,7 +76,6 @@ def _add_origin(parent: ET.Element, position: np.ndarray, R: np.ndarray) -> None
 
 
 def _axes(data: mujoco.MjData, body: int) -> np.ndarray:
-    """Return the rotation of a body to the world."""
     return data.xmat[body].reshape(3, 3)
 
 
@@ -135,7 +133,6 @@ def _rods(
 def _cylinder(
     radius: float, length: float, position: np.ndarray, R: np.ndarray, color: str
 ) -> ET.Element:
-    """Return a cylinder along z."""
     size = {"radius": f"{radius:.9g}", "length": f"{length:.9g}"}
     return _visual("cylinder", size, position, R, color)
 

@@ -209,7 +209,6 @@ class McapWriter:
 
 
 def _bytes_of(*records: McapRecord) -> bytes:
-    """Return records as bytes."""
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
@@ -217,7 +216,6 @@ def _bytes_of(*records: McapRecord) -> bytes:
 
 
 def _index_bytes(channel: int, entries: np.ndarray) -> bytes:
-    """Return the record of where the messages of a channel are in a chunk."""
     pairs = np.ascontiguousarray(entries, "<u8").tobytes()
     head = _PREFIX.pack(Opcode.MESSAGE_INDEX, 6 + len(pairs))
     return head + struct.pack("<HI", channel, len(pairs)) + pairs
@@ -364,7 +362,6 @@ def _items(file: BinaryIO, path: Path, size: int) -> Iterator[Item]:
 
 
 def _stream(body: bytes) -> ReadDataStream:
-    """Return bytes as the records' readers want them."""
     return ReadDataStream(BytesIO(body))
 
 
@@ -378,7 +375,6 @@ def _check_header(body: bytes, path: Path) -> None:
 def _parsed(
     read: Callable[[ReadDataStream], _Record], body: bytes, path: Path
 ) -> _Record:
-    """Return a record."""
     try:
         return read(_stream(body))
     except _STRANGE:

@@ -110,7 +110,6 @@ class McapLog:
 
 
 def _nanoseconds(times: np.ndarray) -> np.ndarray:
-    """Return times in whole nanoseconds."""
     return np.rint(times * 1e9).astype(np.int64)
 
 
@@ -128,7 +127,6 @@ def _said_once(
 
 
 def _head(channel: int, length: int) -> np.ndarray:
-    """Return what stands before a message."""
     head: Any = np.zeros((), MESSAGE)
     head["opcode"], head["channel"] = 5, channel
     head["length"] = MESSAGE.itemsize - 9 + length
@@ -161,7 +159,6 @@ class _Packer:
         self._blank = bytes(blank)
 
     def _parts(self, groups: np.ndarray) -> list[tuple[Stream, bool, np.ndarray]]:
-        """Return all topics, whether they are slow, and their messages in groups."""
         parts = [(s, True, groups["slow"][s.topic]) for s in self._slow]
         return parts + [(s, False, groups["fast"][s.topic]) for s in self._fast]
 
@@ -206,13 +203,11 @@ class _Packer:
 
 
 def _record(streams: Sequence[Stream]) -> np.dtype:
-    """Return messages of some topics, one each, as a record."""
     kinds = [np.dtype([("head", MESSAGE), ("body", s.layout.dtype)]) for s in streams]
     return np.dtype([(s.topic, k) for s, k in zip(streams, kinds, strict=True)])
 
 
 def _offsets(streams: Sequence[Stream]) -> dict[str, int]:
-    """Return where the messages of topics are in their record."""
     sizes = [MESSAGE.itemsize + len(s.layout.template) for s in streams]
     return {s.topic: sum(sizes[:i]) for i, s in enumerate(streams)}
 

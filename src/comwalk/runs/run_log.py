@@ -116,7 +116,6 @@ def _ending(summary: dict[str, Any]) -> str:
 
 
 def _left_settings(folder: Path) -> dict[str, Any]:
-    """Return the settings that a killed run left."""
     try:
         return json.loads((folder / "run.json").read_text(encoding="utf-8"))
     except (OSError, ValueError):
@@ -215,7 +214,6 @@ def inspect(path: Path) -> LogFacts:
 
 
 def _note(record: Metadata, path: Path) -> Any:
-    """Return what a log says once."""
     try:
         return json.loads(record.metadata["json"])
     except (KeyError, ValueError):

@@ -190,7 +190,6 @@ def _rms_mm(error: np.ndarray) -> dict[str, float]:
 
 
 def _finite(value: float) -> float | None:
-    """Return a number, or None for what JSON cannot say."""
     return float(value) if math.isfinite(value) else None
 
 

@@ -101,7 +101,6 @@ def latched_of(robot: Robot | None) -> tuple[Latched, ...]:
 
 
 def _header(frame: str) -> dict[str, Any]:
-    """Return a header; its time is set in each message."""
     return {"frame_id": frame}
 
 
@@ -233,7 +232,6 @@ def _transform(
 
 
 def _xyzw(quaternions: np.ndarray) -> np.ndarray:
-    """Return quaternions in the order of ROS."""
     return quaternions[..., [1, 2, 3, 0]]
 
 

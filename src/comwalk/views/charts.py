@@ -67,7 +67,6 @@ def page_script() -> str:
 
 
 def _web(name: str) -> str:
-    """Return a file of the folder `web`."""
     return files("comwalk").joinpath("views", "web", name).read_text(encoding="utf-8")
 
 
@@ -171,7 +170,6 @@ def _axis(chart: Chart) -> tuple[float, float, list[float]]:
 
 
 def _kind(curve: Curve | Trace) -> str:
-    """Return the style sheet classes of a curve or a path."""
     return f"cw-{curve.kind}{' cw-other' if curve.other else ''}"
 
 
@@ -198,7 +196,6 @@ def _band(band: tuple[float, float, str], first: float, last: float, width: int)
 
 
 def _level(value: float, low: float, high: float, width: int) -> str:
-    """Return the line of a tick; that of zero is stronger."""
     y = round(_STEPS * (high - value) / (high - low))
     kind = "cw-zero" if value == 0.0 else "cw-grid"
     return f'<path class="{kind}" d="M0 {y}h{width}"/>'

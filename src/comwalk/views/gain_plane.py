@@ -191,7 +191,6 @@ def _draw_list(ax: Axes, names: list[str]) -> None:
 
 
 def _title(certificate: Certificate, name: str) -> str:
-    """Return what the picture is of."""
     words = [name] if name else []
     words.append(rf"$\omega_n$ = {certificate.pendulum.omega:.2f} rad/s")
     return ", ".join([*words, text_of_loop(certificate.loop)])
@@ -249,7 +248,6 @@ def plot_identified(found: Identified, title: str, path: str | Path | None) -> F
 
 
 def _words(fit: ResponseFit) -> str:
-    """Return the lag and the mode of a fit."""
     text = f"lag {1e3 * fit.lag.value:.1f} $\\pm$ {1e3 * fit.lag.deviation:.1f} ms"
     if fit.frequency is None or fit.damping is None:
         return text

@@ -82,14 +82,12 @@ def _seen(model: mujoco.MjModel) -> list[int]:
 
 
 def _rgba(model: mujoco.MjModel, geom: int) -> np.ndarray:
-    """Return the colour of a geom: that of its material, unless it has its own."""
     own, material = model.geom_rgba[geom], int(model.geom_matid[geom])
     unset = np.array_equal(own, np.array([0.5, 0.5, 0.5, 1.0], np.float32))
     return model.mat_rgba[material] if material >= 0 and unset else own
 
 
 def _placed(model: mujoco.MjModel, geom: int, triangles: _Triangles) -> _Triangles:
-    """Return a geom's triangles in the frame of its body."""
     vertices, faces = triangles
     R = rotation_of(model.geom_quat[geom])
     return vertices @ R.T + model.geom_pos[geom], faces

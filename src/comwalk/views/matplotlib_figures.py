@@ -158,7 +158,6 @@ def _add_table(panel: SubFigure, rows: Sequence[Row], columns: int) -> None:
 
 
 def _table_lines(rows: Sequence[Row], columns: int) -> int:
-    """Return how many lines of rows a table has."""
     return -(-len(rows) // columns)
 
 

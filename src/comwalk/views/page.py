@@ -82,12 +82,10 @@ def page_html(
 
 
 def _section(title: str, body: str) -> str:
-    """Return a part of the page under its title."""
     return f'<section class="card half"><h2>{escape(title)}</h2>{body}</section>'
 
 
 def _marked(names: Sequence[str]) -> list[str]:
-    """Return the names of two runs with their letters."""
     return [f"{'AB'[k]}: {name}" for k, name in enumerate(names)]
 
 
@@ -108,7 +106,6 @@ def _header(records: Sequence[Record]) -> str:
 
 
 def _ended(record: Record) -> str:
-    """Return the style sheet class of an outcome."""
     return "done" if record.summary["outcome"] == "completed" else "fell"
 
 
@@ -148,7 +145,6 @@ _LEGEND = (
 
 
 def _cards(record: Record) -> str:
-    """Return the main figures of a run, large."""
     return "".join(
         f"<div><b>{escape(value)}</b><span>{escape(name)}</span></div>"
         for name, value in headlines(record.summary)
@@ -183,7 +179,6 @@ def _repeat(record: Record, both: bool) -> str:
 
 
 def _command(words: str) -> str:
-    """Return a command line that can be copied."""
     return (
         f'<div class="command"><code>{escape(words)}</code>'
         '<button type="button">copy</button></div>'
@@ -202,7 +197,6 @@ def _settings(record: Record, both: bool) -> str:
 
 
 def _footer(record: Record) -> str:
-    """Return the versions that made the run."""
     versions = record.summary.get("versions", {})
     text = ", ".join(f"{name} {number}" for name, number in versions.items())
     return f"<footer>{escape(text)}</footer>"
@@ -239,7 +233,6 @@ class WebPage:
     """The whole document."""
 
     def _repr_html_(self) -> str:
-        """Return the page in a frame, for a notebook."""
         return (
             f'<iframe srcdoc="{escape(self.html, quote=True)}" width="100%" '
             'height="760" style="border:0"></iframe>'
@@ -279,7 +272,6 @@ class WebPage:
 
 
 def _film_data(films: Sequence[bytes | None], player: str) -> str:
-    """Return the films for the script, and what plays them once for all."""
     data = [base64.b64encode(film).decode() if film else "" for film in films]
     stored = {"player": player if any(data) else "", "films": data}
     text = json.dumps(stored).replace("</", "<\\/").replace("<!--", "\\u003c!--")
@@ -324,7 +316,6 @@ def report(
 def _share(
     progress: Callable[[float], None] | None, k: int, count: int
 ) -> Callable[[float], None] | None:
-    """Return what tells the progress of one of several films."""
     if progress is None:
         return None
     return lambda done: progress((k + done) / count)

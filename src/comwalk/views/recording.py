@@ -188,7 +188,6 @@ def load_recording(folder: str | Path) -> tuple[mujoco.MjModel, dict[str, np.nda
 
 
 def _settings_in(folder: Path) -> dict[str, Any]:
-    """Return the settings in a run's summary; none if it is missing."""
     try:
         return read_summary(folder)["settings"]
     except RunError:
@@ -208,7 +207,6 @@ def _plan_of(table: Any) -> FootstepPlan | None:
 
 
 def _step_of(table: dict[str, Any]) -> Footstep:
-    """Return a footstep of a summary's plan."""
     return Footstep(side=Side(table.pop("side")), **table)
 
 

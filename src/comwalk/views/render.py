@@ -375,7 +375,6 @@ def _light(model: mujoco.MjModel, azimuth: float, tall: float) -> np.ndarray:
 
 
 def _shrunk(picture: np.ndarray, factor: int) -> np.ndarray:
-    """Return a picture, smaller by a whole factor."""
     if factor == 1:
         return picture
     return np.asarray(Image.fromarray(picture).reduce(factor))

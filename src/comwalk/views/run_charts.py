@@ -78,7 +78,6 @@ def _charts(records: Sequence[Record]) -> Iterator[Chart]:
 
 
 def _times(records: Sequence[Record]) -> np.ndarray:
-    """Return times for the charts: to the end of the longer run."""
     ends = [float(record.columns["t"][-1]) for record in records]
     return chart_times(float(records[0].columns["t"][0]), max(ends))
 
@@ -138,7 +137,6 @@ def _errors(records: Sequence[Record], times: np.ndarray, i: int) -> Chart:
 
 
 def _column(name: str, i: int) -> Column:
-    """Return what reads one axis of a column."""
     return lambda record: record.columns[name][:, i]
 
 

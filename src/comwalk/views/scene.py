@@ -332,12 +332,10 @@ class Stage:
 
 
 def _coarse(values: np.ndarray, steps: float) -> np.ndarray:
-    """Return values rounded to a fraction that takes few bytes."""
     return np.round(np.asarray(values) * steps) / steps
 
 
 def _chain(points: np.ndarray, height: float) -> np.ndarray:
-    """Return the lines from each point of the ground to the next, (n, 2, 3)."""
     if len(points) < 2:
         return np.zeros((1, 2, 3))
     spots = np.column_stack([points[:, :2], np.full(len(points), height)])
@@ -345,7 +343,6 @@ def _chain(points: np.ndarray, height: float) -> np.ndarray:
 
 
 def _ankle_site(model: mujoco.MjModel, side: Side) -> int | None:
-    """Return the site of a foot's force sensor, if the model has one."""
     name = f"{side.value[0]}_force"
     sensor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
     return None if sensor < 0 else int(model.sensor_objid[sensor])

@@ -119,7 +119,6 @@ def figure_table(summaries: Sequence[Summary], names: Sequence[str] = ()) -> str
 
 
 def _number(value: float | None, figure: Figure) -> str:
-    """Return the cell of a figure."""
     rounded = 0.0 if value is None else round(value, figure.digits) + 0.0
     text = "" if value is None else f"{rounded:.{figure.digits}f} {figure.unit}"
     return f'<td class="num">{text.strip()}</td>'
@@ -137,7 +136,6 @@ def _difference(values: Sequence[float | None], figure: Figure) -> str:
 
 
 def _sign(value: float) -> int:
-    """Return -1, 0 or 1."""
     return (value > 0) - (value < 0)
 
 

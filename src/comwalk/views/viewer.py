@@ -149,7 +149,6 @@ class Display:
 
 
 def _switch(layer: Any, box: Any) -> Callable[[Any], None]:
-    """Return what hides or shows a layer as a box is ticked."""
     return lambda _: setattr(layer, "visible", box.value)
 
 
@@ -235,12 +234,10 @@ class Player:
         display.plots.show(recording.t[rows], values, now=not self.playing)
 
     def _step_at(self, row: int) -> int:
-        """Return how many footsteps have landed by a row."""
         steps = self.recording.columns.get("step")
         return 0 if steps is None else int(steps[row])
 
     def _plotted(self, row: int) -> np.ndarray:
-        """Return the rows that plots show at a row."""
         t = self.recording.t
         step = max(1, round(1.0 / (_SAMPLES * float(np.diff(t[:2]).sum() or 1.0))))
         first = int(np.searchsorted(t, t[row] - _SPAN))

@@ -198,7 +198,6 @@ class SimulatedRobot:
         self.ground /= count
 
     def _ground_forces(self, data: mujoco.MjData) -> np.ndarray:
-        """Return torque about the world's origin and force on each foot, (2, 6)."""
         forces = data.cfrc_ext.take(self.feet, axis=0)
         forces[:, :3] += _cross(data.subtree_com[self.robot.base_body], forces[:, 3:])
         return forces
@@ -271,7 +270,6 @@ class SimulatedRobot:
 
 
 def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the cross product of a vector with each row, faster than numpy's."""
     x, y, z = a.tolist()
     return b @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
 
@@ -285,7 +283,6 @@ _ACCELERATION_NOISE = 5e-2  # [m/s^2]
 
 
 def _ankle_readings(model: mujoco.MjModel, side: Side) -> list[int]:
-    """Return where force and torque of an ankle stand in sensordata, six places."""
     parts = [_sensor(model, f"{side.value[0]}_{kind}") for kind in ("force", "torque")]
     return [i for part in parts for i in range(part.start, part.stop)]
 

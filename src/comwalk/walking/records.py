@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from ..compiled import records
 from ..control import WEIGHING_TIME, BodySettings, low_pass_coefficient
-from ..embedding import EmbeddedMotion, records, rotate_twist
+from ..embedding import EmbeddedMotion, rotate_twist
 from ..robot import Foot, Kinematics, Robot
 from ..sides import Side
 

@@ -75,7 +75,6 @@ def _cells_near(points: np.ndarray, sole: tuple[float, float]) -> np.ndarray:
 
 
 def _too_many(count: int) -> PlanError:
-    """Return the error about a walk too long for a floor of boxes."""
     return PlanError(
         f"the plan goes over {count} boxes of rough floor, more than {MAX_BOXES}; "
         "walk fewer steps, or set simulator.terrain to 0"
@@ -99,6 +98,5 @@ def _touched(
 
 
 def _share(seed: int, i: int, j: int) -> float:
-    """Return the height of a cell, as a share of the highest."""
     rng = np.random.default_rng((seed, i + _FAR, j + _FAR))
     return float(rng.uniform(LEAST_SHARE, 1.0))

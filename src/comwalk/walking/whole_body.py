@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..compiled import load
+from ..compiled import load, records
 from ..control import (
     LAW,
     LAW_STATE,
@@ -40,7 +40,6 @@ from ..embedding import (
     Resolver,
     Task,
     bounded_solver,
-    records,
 )
 from ..errors import PlanError
 from ..handles import handle_of

@@ -201,7 +201,6 @@ def _envelope(times: np.ndarray, end: float) -> np.ndarray:
 
 
 def _tap(period: float) -> np.ndarray:
-    """Return the path of a tap at speed 1, out and back, then at rest."""
     t = period * np.arange(round(_REST / period))
     return np.maximum(0.0, np.minimum(t, (4.0 * _TAP - t) / 3.0))
 

@@ -358,7 +358,6 @@ def onset(times: np.ndarray, responses: np.ndarray) -> Estimate:
 
 
 def _broken_curve_cost(times: np.ndarray, mean: np.ndarray, k: int) -> float:
-    """Return the squared residual of zero before sample k and a curve from it on."""
     x = times[k:] - times[k]
     A = np.stack([np.ones_like(x), x, x**2], axis=1)
     fitted = A @ np.linalg.lstsq(A, mean[k:], rcond=None)[0]

@@ -177,7 +177,6 @@ def _analyse(excitation: Excitation, record: _Record) -> Identified:
 
 
 def _sweeps(excitation: Excitation, rows: np.ndarray) -> np.ndarray:
-    """Return the sweeps of a column, (sweeps, ticks, ...)."""
     n = excitation.sweep_ticks
     return np.stack([rows[k : k + n] for k in excitation.sweeps])
 
@@ -185,7 +184,6 @@ def _sweeps(excitation: Excitation, rows: np.ndarray) -> np.ndarray:
 def _responses(
     f: np.ndarray, path: np.ndarray, com: np.ndarray, zmp: np.ndarray
 ) -> Responses:
-    """Return mean responses over the sweeps and their deviations."""
     each = np.stack([com / path, zmp / path])
     rough = np.stack([com, zmp]).var(axis=1, ddof=1)
     size = np.abs(path).mean(axis=0) * math.sqrt(each.shape[1])
@@ -204,7 +202,6 @@ def _smooth(spectra: np.ndarray) -> np.ndarray:
 
 
 def _spread(sweeps: np.ndarray) -> np.ndarray:
-    """Return the deviation of each channel from the mean of the sweeps."""
     rest = sweeps - sweeps.mean(axis=0)
     rest -= rest.mean(axis=1, keepdims=True)
     count = len(sweeps)

@@ -59,7 +59,6 @@ def find_mesh(filename: str, folders: Sequence[Path]) -> Path | None:
 
 
 def _is_file(path: Path) -> bool:
-    """Return whether a path is a file, also if it cannot be one."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -166,7 +165,6 @@ def file_vertices(file: Path) -> np.ndarray:
 
 
 def _stl_count(data: bytes) -> int:
-    """Return the number of triangles of a binary STL file, 0 if it is none."""
     count = int.from_bytes(data[80:84], "little")
     enough = len(data) >= 84 + 50 * count
     is_text = data[:5].lower() == b"solid" and len(data) != 84 + 50 * count
@@ -183,12 +181,10 @@ def _stl_vertices(data: bytes) -> np.ndarray:
 
 
 def _obj_vertices(data: bytes) -> np.ndarray:
-    """Return the vertices of an OBJ file, of shape (n, 3)."""
     return _numbers_after(rb"^\s*v\s+(\S+)\s+(\S+)\s+(\S+)", data)
 
 
 def _numbers_after(pattern: bytes, data: bytes) -> np.ndarray:
-    """Return the three numbers on each line that matches, of shape (n, 3)."""
     return np.array(re.findall(pattern, data, re.M), dtype=float).reshape(-1, 3)
 
 
@@ -314,7 +310,6 @@ def _write_stl(
 
 
 def _header_color(path: Path) -> tuple[float, ...] | None:
-    """Return the color in the header of an STL file of ours."""
     with path.open("rb") as stream:
         words = stream.read(80).split()[1:]
     return tuple(float(word) for word in words) or None

@@ -97,7 +97,6 @@ def _name_all(spec: mujoco.MjSpec) -> None:
 
 
 def _files(spec: mujoco.MjSpec) -> dict[str, mujoco.MjsMesh]:
-    """Return the meshes that come from files, by the name that geoms use."""
     return {m.name or Path(m.file).stem: m for m in spec.meshes if m.file}
 
 
@@ -190,19 +189,16 @@ def _link_meshes(spec: mujoco.MjSpec, outline: mujoco.MjModel) -> list[LinkMesh]
 
 
 def _mesh_path(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> Path:
-    """Return the file of a mesh as MuJoCo would look for it."""
     name = Path(mesh.file).name if spec.strippath else mesh.file
     return Path(spec.modelfiledir, mesh.compiler.meshdir, name)
 
 
 def _rotation(quaternion: np.ndarray) -> np.ndarray:
-    """Return the rotation matrix of a quaternion wxyz of any length."""
     unit = np.array(quaternion, dtype=float)
     return rotation_of(unit / np.linalg.norm(unit))
 
 
 def _color(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> tuple[float, ...]:
-    """Return the color of a geom, or that of its material."""
     material = spec.material(geom.material) if geom.material else None
     rgba = geom.rgba if material is None else material.rgba
     return tuple(float(x) for x in rgba)
@@ -262,7 +258,6 @@ def _drop_meshes(spec: mujoco.MjSpec) -> None:
 
 
 def _gives_inertia(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> bool:
-    """Return whether a geom adds to the inertia of its body."""
     always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
     if geom.parent.explicitinertial and spec.compiler.inertiafromgeom != always:
         return False
@@ -270,7 +265,6 @@ def _gives_inertia(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> bool:
 
 
 def _is_named(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> bool:
-    """Return whether a contact pair or a sensor names a geom."""
     names = {n for pair in spec.pairs for n in (pair.geomname1, pair.geomname2)}
     names |= {n for sensor in spec.sensors for n in (sensor.objname, sensor.refname)}
     return bool(geom.name) and geom.name in names
@@ -328,7 +322,6 @@ def _set_free(
 
 
 def _free_name(spec: mujoco.MjSpec) -> str:
-    """Return a name for the free joint that no joint has."""
     name = "floating_base"
     while spec.joint(name) is not None:
         name += "_"
@@ -374,7 +367,6 @@ def _write_keys(
 
 
 def _joint_names(model: mujoco.MjModel) -> set[str]:
-    """Return the names of all joints."""
     return {model.joint(i).name for i in range(model.njnt)}
 
 
@@ -404,7 +396,6 @@ def _take_mimics(
 
 
 def _speed_limits(outline: mujoco.MjModel, spec: mujoco.MjSpec) -> dict[str, float]:
-    """Return speed limits: the first user value of each joint, if it has any."""
     if outline.nuser_jnt == 0:
         return {}
     values = {j.name: float(outline.joint(j.name).user[0]) for j in _moving(spec)}
@@ -412,7 +403,6 @@ def _speed_limits(outline: mujoco.MjModel, spec: mujoco.MjSpec) -> dict[str, flo
 
 
 def _moving(spec: mujoco.MjSpec) -> list[mujoco.MjsJoint]:
-    """Return the joints but the free one."""
     return [joint for joint in spec.joints if joint.type != _FREE]
 
 

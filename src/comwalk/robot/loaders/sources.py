@@ -152,7 +152,6 @@ def _menagerie_names() -> set[str]:
 
 
 def _fetch_from_menagerie(name: str) -> Path:
-    """Return the file of a robot in mujoco_menagerie, downloaded at need."""
     import mujoco_menagerie
 
     return Path(mujoco_menagerie.get(name).path(progress=None))

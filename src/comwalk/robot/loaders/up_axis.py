@@ -48,7 +48,6 @@ def stand_up(
 
 
 def _declares_y_up(mesh: LinkMesh) -> bool:
-    """Return whether a file says that its Y axis points up."""
     if mesh.file.suffix.lower() != ".dae":
         return False
     with mesh.file.open("rb") as file:
@@ -56,7 +55,6 @@ def _declares_y_up(mesh: LinkMesh) -> bool:
 
 
 def _turned(mesh: LinkMesh) -> LinkMesh:
-    """Return a mesh with its Y axis where its Z axis was."""
     return dataclasses.replace(mesh, rotation=mesh.rotation @ _Y_UP)
 
 

@@ -231,7 +231,6 @@ def _range(joint: Joint, notes: list[str]) -> tuple[float, float] | None:
 
 
 def _limit(joint: Joint, what: str) -> float:
-    """Return the `velocity` or `effort` limit of a joint, 0 if it has none."""
     owner = f'joint "{joint.name}"'
     return abs(number(joint.element.find("limit"), what, 0.0, owner))
 
@@ -265,7 +264,6 @@ def _colors(root: ET.Element) -> dict[str, tuple[float, ...]]:
 
 
 def _mesh_folder(root: ET.Element, path: Path) -> tuple[Path, ...]:
-    """Return the folders that relative mesh names count from."""
     compiler = root.find("mujoco/compiler")
     folder = "" if compiler is None else compiler.get("meshdir", "")
     here = path.resolve().parent

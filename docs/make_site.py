@@ -30,6 +30,7 @@ from comwalk.robot.loaders import ROBOTS, read_model
 ROOT = Path(__file__).parent.parent
 SOURCE = ROOT / "src" / "comwalk"
 PAGES = {
+    "Architecture": "architecture.md",
     "The paper": "paper.md",
     "Certificates": "certificates.md",
     "Conventions": "conventions.md",
@@ -120,9 +121,9 @@ def _relinked(text: str, prefix: str) -> str:
         if target.startswith(("http", "#")):
             return found[0]
         path = target.removeprefix(prefix).removeprefix("../")
-        module = re.fullmatch(r"src/comwalk/(\w+)\.py", path)
+        module = re.fullmatch(r"src/comwalk/([\w/]+)\.py", path)
         if module:
-            return f"[{label}](api/{module[1]}.md)"
+            return f"[{label}](api/{module[1].replace('/', '.')}.md)"
         if (ROOT / "docs" / path.partition("#")[0]).is_file():
             return f"[{label}]({path})"
         return label
@@ -141,17 +142,19 @@ def stage_api(root: Path) -> list[str]:
     shutil.copytree(SOURCE, root / "src" / "comwalk")
     (root / "docs" / "api").mkdir()
     names = []
-    for file in sorted(SOURCE.glob("*.py")):
+    for file in sorted(SOURCE.rglob("*.py")):
         if file.stem.startswith("__"):
             continue
+        inside = file.relative_to(SOURCE)
+        name = ".".join(inside.with_suffix("").parts)
         text = file.read_text(encoding="utf-8")
-        staged = root / "src" / "comwalk" / file.name
+        staged = root / "src" / "comwalk" / inside
         staged.write_text(_math_blocks(text), encoding="utf-8")
         summary = (ast.get_docstring(ast.parse(text)) or "").partition("\n")[0]
-        page = f"# {file.stem}\n\n::: comwalk.{file.stem}\n"
-        target = root / "docs" / "api" / f"{file.stem}.md"
+        page = f"# {name}\n\n::: comwalk.{name}\n"
+        target = root / "docs" / "api" / f"{name}.md"
         target.write_text(page, encoding="utf-8")
-        names.append((file.stem, summary))
+        names.append((name, summary))
     rows = "".join(f"| [{name}]({name}.md) | {text} |\n" for name, text in names)
     index = f"# API\n\nEvery module, and what it is for.\n\n| | |\n|---|---|\n{rows}"
     (root / "docs" / "api" / "index.md").write_text(index, encoding="utf-8")

@@ -133,6 +133,15 @@ def test_packages_are_entered_by_their_doors():
     assert wrong == []
 
 
+def test_no_room_has_the_name_of_an_export():
+    """What `from package import name` gives must not depend on what ran before."""
+    for folder in {path.parent for path in ROOMS}:
+        door = folder / "__init__.py"
+        exports = {name for module, name in imports_of(door) if module}
+        rooms = {path.stem for path in folder.glob("*.py")}
+        assert not exports & rooms - {"lazy"}, folder
+
+
 def test_no_circles():
     """Modules can be read one after the other, types included."""
     below = {

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from robots import paper
 
-from comwalk.bench import trials
+from comwalk.bench import cases, trials
 from comwalk.bench.cases import (
     ABLATIONS,
     OPEN_LOOP,
@@ -266,7 +266,7 @@ def test_refusals_are_results():
 
 
 def test_a_robot_is_described():
-    result = perform("paper", trials.ABOUT)
+    result = perform("paper", cases.ABOUT)
     assert result["mass_kg"] == pytest.approx(paper().mass)
     assert result["joints"] == 30
     assert result["speed_m_s"] == pytest.approx(result["step_m"] / result["period_s"])

@@ -10,7 +10,7 @@ import scipy.optimize
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from comwalk.certificates import bounds
+from comwalk.certificates import bounds, largest_errors
 from comwalk.certificates import ideal_loop as s
 from comwalk.errors import ParameterError
 from comwalk.pattern.pendulum import Pendulum
@@ -95,12 +95,16 @@ def test_gains_that_meet_the_theorem_let_v_grow():
     dt, quiet = 1e-3, np.zeros(60)
     e_c, e_p = 0.0, 0.01
     start = X[0] * e_p - X[1] * e_c  # the rate of e_c, Eq. (34)
-    com, zmp = s.simulate_error_dynamics(PAPER, *X, quiet, dt, (e_c, start))
+    com, zmp = largest_errors.simulate_error_dynamics(
+        PAPER, *X, quiet, dt, (e_c, start)
+    )
     V = s.lyapunov(PAPER, *X, com, zmp)
     assert zmp[0] == pytest.approx(e_p)
     assert (V[1] - V[0]) / dt == pytest.approx(16.56 * e_p**2, rel=5e-3)
     assert V.max() > 1.05 * V[0]
-    later, _ = s.simulate_error_dynamics(PAPER, *X, np.zeros(4000), dt, (e_c, start))
+    later, _ = largest_errors.simulate_error_dynamics(
+        PAPER, *X, np.zeros(4000), dt, (e_c, start)
+    )
     assert abs(later[-1]) < 1e-3 * np.abs(later).max()  # and yet it is stable
 
 
@@ -148,8 +152,12 @@ def test_ellipsoids_are_not_left(height, k_p, ratio, output):
 def test_from_loose_to_tight(k_p, ratio, output):
     """Theorem 1: exact <= L1 <= ellipsoid of any rate; exact <= ellipsoid <= V."""
     k_c, a, b = ratio * k_p, 0.05, 0.5
-    exact = s.worst_case(PAPER, k_p, k_c, a, b, output, samples=501).bound
-    peak = s.com_peak_gain if output == "com" else s.zmp_peak_gain
+    exact = largest_errors.worst_case(PAPER, k_p, k_c, a, b, output, samples=501).bound
+    peak = (
+        largest_errors.com_peak_gain
+        if output == "com"
+        else largest_errors.zmp_peak_gain
+    )
     free = bounds.invariant_set(PAPER, k_p, k_c, a, output).bound
     both = bounds.ellipsoid_bound(PAPER, k_p, k_c, a, b, output).bound
     more = 1 + 1e-6

@@ -17,9 +17,9 @@ from comwalk.certificates.certificate import SoleRoom, certify
 from comwalk.certificates.defaults import default_control, default_pendulum, sole_room
 from comwalk.certificates.gain_check import sampled_loop_of
 from comwalk.certificates.ideal_loop import is_hurwitz, proof_condition
+from comwalk.certificates.largest_errors import worst_case
 from comwalk.certificates.published_gains import PUBLISHED
 from comwalk.certificates.sampled_loop import SampledLoop, spectral_radius
-from comwalk.certificates.worst_case import worst_case
 from comwalk.cli.app import main
 from comwalk.cli.certificate_table import (
     numbers_of_certificate,

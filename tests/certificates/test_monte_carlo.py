@@ -16,8 +16,8 @@ from comwalk.certificates.ensemble import (
     fill_noise,
     monte_carlo,
 )
+from comwalk.certificates.largest_errors import simulate_error_dynamics, worst_case
 from comwalk.certificates.sampled_loop import SampledLoop
-from comwalk.certificates.worst_case import simulate_error_dynamics, worst_case
 from comwalk.control.gains import Gains
 from comwalk.control.law import ControlSettings, WalkingController
 from comwalk.control.plant import Command, PendulumPlant

@@ -10,9 +10,9 @@ import pytest
 
 from comwalk.certificates.bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.gain_check import sampled_loop_of
+from comwalk.certificates.largest_errors import simulate_error_dynamics, worst_case
 from comwalk.certificates.sampled_loop import SampledLoop
 from comwalk.certificates.validation import observe
-from comwalk.certificates.worst_case import simulate_error_dynamics, worst_case
 from comwalk.cli.app import main
 from comwalk.control.gains import Gains
 from comwalk.control.law import ControlSettings

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from comwalk.certificates import bounds as b
+from comwalk.certificates.largest_errors import worst_disturbance
 from comwalk.certificates.sampled_loop import SampledLoop
-from comwalk.certificates.worst_case import worst_disturbance
 from comwalk.control.gains import Gains
 from comwalk.control.law import ControlSettings, WalkingController
 from comwalk.control.plant import (

@@ -9,6 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from comwalk.certificates import ideal_loop as s
+from comwalk.certificates import largest_errors, pole_placement
 from comwalk.certificates import sampled_loop as sampled
 from comwalk.errors import ParameterError
 from comwalk.pattern.pendulum import Pendulum
@@ -187,25 +188,29 @@ def test_poles_are_eigenvalues(h, k_p, k_c):
     """Eqs. (35), (36): poles, natural frequency and damping against numpy."""
     pendulum = Pendulum(height=h)
     A, _ = s.error_dynamics(pendulum, k_p, k_c)
-    roots = s.poles(pendulum, k_p, k_c)
+    roots = pole_placement.poles(pendulum, k_p, k_c)
     assert np.poly(roots).real == pytest.approx(
         [1.0, -np.trace(A), np.linalg.det(A)], rel=1e-6, abs=1e-6
     )
     if s.is_hurwitz(k_p, k_c):
-        w = s.natural_frequency(pendulum, k_p, k_c)
-        zeta = s.damping(pendulum, k_p, k_c)
+        w = pole_placement.natural_frequency(pendulum, k_p, k_c)
+        zeta = pole_placement.damping(pendulum, k_p, k_c)
         assert w**2 == pytest.approx(np.prod(roots).real, rel=1e-6)
         assert 2 * zeta * w == pytest.approx(-np.sum(roots).real, rel=1e-6)
-        assert s.design_gains(pendulum, w, zeta) == pytest.approx((k_p, k_c))
+        assert pole_placement.design_gains(pendulum, w, zeta) == pytest.approx(
+            (k_p, k_c)
+        )
 
 
 def test_paper_gains_frequency_and_damping():
     """Section VI: x 4.139 rad/s at 0.575, y 3.983 rad/s at 0.996."""
-    assert s.natural_frequency(PAPER, *X) == pytest.approx(4.139, abs=5e-4)
-    assert s.damping(PAPER, *X) == pytest.approx(0.575, abs=5e-4)
-    assert s.natural_frequency(PAPER, *Y) == pytest.approx(3.983, abs=5e-4)
-    assert s.damping(PAPER, *Y) == pytest.approx(0.996, abs=5e-4)
-    assert s.poles(PAPER, *Y) == pytest.approx([-3.967 + 0.364j, -3.967 - 0.364j], 1e-3)
+    assert pole_placement.natural_frequency(PAPER, *X) == pytest.approx(4.139, abs=5e-4)
+    assert pole_placement.damping(PAPER, *X) == pytest.approx(0.575, abs=5e-4)
+    assert pole_placement.natural_frequency(PAPER, *Y) == pytest.approx(3.983, abs=5e-4)
+    assert pole_placement.damping(PAPER, *Y) == pytest.approx(0.996, abs=5e-4)
+    assert pole_placement.poles(PAPER, *Y) == pytest.approx(
+        [-3.967 + 0.364j, -3.967 - 0.364j], 1e-3
+    )
 
 
 @pytest.mark.parametrize(
@@ -221,7 +226,7 @@ def test_paper_gains_frequency_and_damping():
 )
 def test_frequency_response(gains, frequency, com, zmp):
     """Eqs. (35), (36): gain from eps to e_c and e_p; and as C (sI - A)^-1 B."""
-    G_c, G_p = s.frequency_response(PAPER, *gains, frequency)
+    G_c, G_p = largest_errors.frequency_response(PAPER, *gains, frequency)
     assert (abs(G_c), abs(G_p)) == pytest.approx((com, zmp), rel=1e-8)
     A, B = s.error_dynamics(PAPER, *gains)
     w = 2j * math.pi * frequency
@@ -232,12 +237,16 @@ def test_frequency_response(gains, frequency, com, zmp):
 def test_highest_responses():
     """Eqs. (35), (36): peaks, x at 0.384 and 0.689 Hz; e_p in y rises to 1 / k_p."""
     frequencies = np.linspace(0.0, 3.0, 3001).tolist()
-    responses = np.abs([s.frequency_response(PAPER, *X, f) for f in frequencies])
+    responses = np.abs(
+        [largest_errors.frequency_response(PAPER, *X, f) for f in frequencies]
+    )
     assert responses.max(axis=0) == pytest.approx([0.295251, 0.532550], abs=2e-6)
     assert [frequencies[i] for i in responses.argmax(axis=0)] == pytest.approx(
         [0.384, 0.689], abs=1e-3
     )
-    response = [abs(s.frequency_response(PAPER, *Y, f)[1]) for f in (10, 100, 1e4)]
+    response = [
+        abs(largest_errors.frequency_response(PAPER, *Y, f)[1]) for f in (10, 100, 1e4)
+    ]
     assert response == sorted(response)
     assert response[-1] == pytest.approx(1.0 / Y[0], rel=1e-6)
 
@@ -246,7 +255,7 @@ def test_constant_disturbance_shifts_com_and_zmp_alike():
     """Eqs. (35), (36): e_c = e_p = -eps / (k_c - k_p) at rest."""
     for k_p, k_c in (X, Y):
         eps = np.full(400, 0.05)
-        e_c, e_p = s.simulate_error_dynamics(PAPER, k_p, k_c, eps, 0.02)
+        e_c, e_p = largest_errors.simulate_error_dynamics(PAPER, k_p, k_c, eps, 0.02)
         assert [e_c[-1], e_p[-1]] == pytest.approx([-0.05 / (k_c - k_p)] * 2, rel=1e-6)
 
 
@@ -256,7 +265,9 @@ def test_simulation_agrees_with_an_integrator():
     eps = rng.uniform(-0.05, 0.05, 21)
     t = dt * np.arange(21)
     A, B = s.error_dynamics(PAPER, *X)
-    e_c, e_p = s.simulate_error_dynamics(PAPER, *X, eps, dt, initial=(0.02, -0.1))
+    e_c, e_p = largest_errors.simulate_error_dynamics(
+        PAPER, *X, eps, dt, initial=(0.02, -0.1)
+    )
     state = np.array([e_c[0], e_p[0]])
     for i in range(20):
         slope = (eps[i + 1] - eps[i]) / dt
@@ -274,9 +285,13 @@ def test_simulation_agrees_with_an_integrator():
 def test_gains_out_of_the_region_diverge():
     """k_p >= k_c: the error grows without disturbance."""
     quiet = np.zeros(500)
-    e_c, _ = s.simulate_error_dynamics(PAPER, 6.7, 6.6, quiet, 0.05, (0.01, 0.0))
+    e_c, _ = largest_errors.simulate_error_dynamics(
+        PAPER, 6.7, 6.6, quiet, 0.05, (0.01, 0.0)
+    )
     assert abs(e_c[-1]) > 10 * abs(e_c[0])
-    e_c, _ = s.simulate_error_dynamics(PAPER, 6.5, 6.6, quiet, 0.05, (0.01, 0.0))
+    e_c, _ = largest_errors.simulate_error_dynamics(
+        PAPER, 6.5, 6.6, quiet, 0.05, (0.01, 0.0)
+    )
     assert abs(e_c[-1]) < 0.1 * abs(e_c[0])
 
 
@@ -285,10 +300,10 @@ def test_gains_out_of_the_region_diverge():
 
 def test_peak_gains_of_the_paper():
     """Theorem 1: exact peak gains from eps to e_c and e_p."""
-    assert s.com_peak_gain(PAPER, *X) == pytest.approx(0.346424, abs=5e-7)
-    assert s.zmp_peak_gain(PAPER, *X) == pytest.approx(1.143590, abs=5e-7)
-    assert s.com_peak_gain(PAPER, *Y) == pytest.approx(0.5, abs=5e-7)
-    assert s.zmp_peak_gain(PAPER, *Y) == pytest.approx(1.611112, abs=5e-7)
+    assert largest_errors.com_peak_gain(PAPER, *X) == pytest.approx(0.346424, abs=5e-7)
+    assert largest_errors.zmp_peak_gain(PAPER, *X) == pytest.approx(1.143590, abs=5e-7)
+    assert largest_errors.com_peak_gain(PAPER, *Y) == pytest.approx(0.5, abs=5e-7)
+    assert largest_errors.zmp_peak_gain(PAPER, *Y) == pytest.approx(1.611112, abs=5e-7)
 
 
 def impulse_area(pendulum, k_p, k_c, output):
@@ -312,10 +327,10 @@ def impulse_area(pendulum, k_p, k_c, output):
 )
 def test_peak_gains_against_quadrature(k_p, k_c):
     """Theorem 1: closed forms against the integral of |impulse response|."""
-    assert s.com_peak_gain(PAPER, k_p, k_c) == pytest.approx(
+    assert largest_errors.com_peak_gain(PAPER, k_p, k_c) == pytest.approx(
         impulse_area(PAPER, k_p, k_c, "com"), rel=2e-5
     )
-    assert s.zmp_peak_gain(PAPER, k_p, k_c) == pytest.approx(
+    assert largest_errors.zmp_peak_gain(PAPER, k_p, k_c) == pytest.approx(
         impulse_area(PAPER, k_p, k_c, "zmp"), rel=2e-5
     )
 
@@ -327,22 +342,30 @@ def test_peak_gain_closed_forms(h, k_p, k_c):
     if k_c - k_p < 0.05:
         return
     pendulum = Pendulum(height=h)
-    zeta = s.damping(pendulum, k_p, k_c)
+    zeta = pole_placement.damping(pendulum, k_p, k_c)
     peak = 1.0 / (k_c - k_p)
     if zeta < 1.0:
         peak /= math.tanh(0.5 * math.pi * zeta / math.sqrt(1.0 - zeta**2))
-    assert s.com_peak_gain(pendulum, k_p, k_c) == pytest.approx(peak, rel=1e-9)
+    assert largest_errors.com_peak_gain(pendulum, k_p, k_c) == pytest.approx(
+        peak, rel=1e-9
+    )
     least = 2.0 / k_p + 1.0 / (k_c - k_p)
-    assert s.zmp_peak_gain(pendulum, k_p, k_c) >= least * (1 - 1e-12)
+    assert largest_errors.zmp_peak_gain(pendulum, k_p, k_c) >= least * (1 - 1e-12)
 
 
 @pytest.mark.parametrize("nudge", [-1e-9, 0.0, 1e-9])
 def test_peak_gains_at_critical_damping(nudge):
     """Theorem 1: no jump where the two poles meet."""
-    k_p, k_c = s.design_gains(PAPER, 4.0, 1.0 + nudge)
-    assert s.com_peak_gain(PAPER, k_p, k_c) == pytest.approx(1 / (k_c - k_p), rel=1e-6)
-    near = s.zmp_peak_gain(PAPER, *s.design_gains(PAPER, 4.0, 1.0 + 1e-5))
-    assert s.zmp_peak_gain(PAPER, k_p, k_c) == pytest.approx(near, rel=1e-4)
+    k_p, k_c = pole_placement.design_gains(PAPER, 4.0, 1.0 + nudge)
+    assert largest_errors.com_peak_gain(PAPER, k_p, k_c) == pytest.approx(
+        1 / (k_c - k_p), rel=1e-6
+    )
+    near = largest_errors.zmp_peak_gain(
+        PAPER, *pole_placement.design_gains(PAPER, 4.0, 1.0 + 1e-5)
+    )
+    assert largest_errors.zmp_peak_gain(PAPER, k_p, k_c) == pytest.approx(
+        near, rel=1e-4
+    )
 
 
 BOUNDS = [
@@ -363,13 +386,13 @@ BOUNDS = [
 @pytest.mark.parametrize(("gains", "a", "b", "output", "bound", "tolerance"), BOUNDS)
 def test_worst_case_is_reached(gains, a, b, output, bound, tolerance):
     """Theorem 1: the bound as known, and its disturbance reaches it to 0.1 %."""
-    worst = s.worst_case(PAPER, *gains, a, b, output)
+    worst = largest_errors.worst_case(PAPER, *gains, a, b, output)
     assert worst.bound == pytest.approx(bound, abs=tolerance)
     eps = worst.disturbance
     assert np.abs(eps).max() <= a * (1 + 1e-9)
     assert np.abs(np.diff(eps)).max() <= b * worst.dt * (1 + 1e-6)
     k_p, k_c = gains
-    errors = s.simulate_error_dynamics(PAPER, k_p, k_c, eps, worst.dt)
+    errors = largest_errors.simulate_error_dynamics(PAPER, k_p, k_c, eps, worst.dt)
     reached = errors[0 if output == "com" else 1][-1]
     assert reached == pytest.approx(worst.bound, rel=1e-3)
 
@@ -377,16 +400,16 @@ def test_worst_case_is_reached(gains, a, b, output, bound, tolerance):
 def test_worst_case_tends_to_the_peak_gains():
     """Theorem 1: without a bound on the rate only the peak gain is left."""
     for k_p, k_c in (X, Y):
-        com = s.worst_case(PAPER, k_p, k_c, 1.0, 1e4, "com").bound
-        zmp = s.worst_case(PAPER, k_p, k_c, 1.0, 1e4, "zmp").bound
-        assert 0.999 < com / s.com_peak_gain(PAPER, k_p, k_c) < 1.0 + 1e-4
-        assert 0.99 < zmp / s.zmp_peak_gain(PAPER, k_p, k_c) < 1.0 + 1e-4
+        com = largest_errors.worst_case(PAPER, k_p, k_c, 1.0, 1e4, "com").bound
+        zmp = largest_errors.worst_case(PAPER, k_p, k_c, 1.0, 1e4, "zmp").bound
+        assert 0.999 < com / largest_errors.com_peak_gain(PAPER, k_p, k_c) < 1.0 + 1e-4
+        assert 0.99 < zmp / largest_errors.zmp_peak_gain(PAPER, k_p, k_c) < 1.0 + 1e-4
 
 
 def test_worst_case_does_not_depend_on_the_grid():
     """Theorem 1: half the samples give the same bound to 0.1 %."""
-    fine = s.worst_case(PAPER, *X, 0.05, 0.5, "zmp").bound
-    coarse = s.worst_case(PAPER, *X, 0.05, 0.5, "zmp", samples=751).bound
+    fine = largest_errors.worst_case(PAPER, *X, 0.05, 0.5, "zmp").bound
+    coarse = largest_errors.worst_case(PAPER, *X, 0.05, 0.5, "zmp", samples=751).bound
     assert coarse == pytest.approx(fine, rel=1e-3)
 
 
@@ -394,15 +417,15 @@ def test_worst_case_does_not_depend_on_the_grid():
 def test_random_disturbances_stay_inside_the_bounds(gains):
     """Theorem 1: |eps| <= .05, |eps'| <= .5 never exceed the exact bounds."""
     (k_p, k_c), rng = gains, np.random.default_rng(7)
-    com = s.worst_case(PAPER, k_p, k_c, 0.05, 0.5, "com").bound
-    zmp = s.worst_case(PAPER, k_p, k_c, 0.05, 0.5, "zmp").bound
+    com = largest_errors.worst_case(PAPER, k_p, k_c, 0.05, 0.5, "com").bound
+    zmp = largest_errors.worst_case(PAPER, k_p, k_c, 0.05, 0.5, "zmp").bound
     peak_c = peak_p = 0.0
     for _ in range(20):
         signs = np.where(np.cumsum(rng.random(1500) < 0.05) % 2, 1.0, -1.0)
         eps = np.zeros(1500)
         for i, sign in enumerate(signs[1:]):
             eps[i + 1] = min(max(eps[i] + 0.5 * 0.01 * sign, -0.05), 0.05)
-        e_c, e_p = s.simulate_error_dynamics(PAPER, k_p, k_c, eps, 0.01)
+        e_c, e_p = largest_errors.simulate_error_dynamics(PAPER, k_p, k_c, eps, 0.01)
         peak_c, peak_p = max(peak_c, *abs(e_c)), max(peak_p, *abs(e_p))
     assert 0.5 * com < peak_c <= com * (1 + 1e-3)
     assert 0.5 * zmp < peak_p <= zmp * (1 + 1e-3)
@@ -558,15 +581,15 @@ def test_bad_numbers_are_refused(bad):
     with pytest.raises(ParameterError, match="k_p"):
         s.error_dynamics(PAPER, bad, 6.6)
     with pytest.raises(ParameterError, match="k_c"):
-        s.poles(PAPER, 3.0, bad)
+        pole_placement.poles(PAPER, 3.0, bad)
     with pytest.raises(ParameterError, match="alpha"):
         s.rate_bound_coefficients(PAPER, 3.0, 6.6, bad, 1.0, 1.0)
     with pytest.raises(ParameterError, match="a must be"):
-        s.worst_case(PAPER, *X, bad, 0.5, "zmp")
+        largest_errors.worst_case(PAPER, *X, bad, 0.5, "zmp")
     with pytest.raises(ParameterError, match="dt"):
         sampled.low_pass_coefficient(5.0, bad)
     with pytest.raises(ParameterError, match="natural_frequency"):
-        s.design_gains(PAPER, bad, 1.0)
+        pole_placement.design_gains(PAPER, bad, 1.0)
     with pytest.raises(ParameterError, match="k_p"):
         sampled.spectral_radius(PAPER, bad, 6.6, sampled.SampledLoop())
 
@@ -584,10 +607,10 @@ def test_other_bad_input():
     with pytest.raises(ParameterError, match="zmp_cutoff"):
         sampled.SampledLoop(zmp_cutoff=0.0)
     with pytest.raises(ParameterError, match="below k_c"):
-        s.com_peak_gain(PAPER, 7.0, 6.6)
+        largest_errors.com_peak_gain(PAPER, 7.0, 6.6)
     with pytest.raises(ParameterError, match='"com" or "zmp"'):
-        s.worst_case(PAPER, *X, 0.05, 0.5, "cop")  # ty: ignore[invalid-argument-type]
+        largest_errors.worst_case(PAPER, *X, 0.05, 0.5, "cop")  # ty: ignore[invalid-argument-type]
     with pytest.raises(ParameterError, match="finite"):
-        s.simulate_error_dynamics(PAPER, *X, np.array([0.0, np.nan]), 0.01)
+        largest_errors.simulate_error_dynamics(PAPER, *X, np.array([0.0, np.nan]), 0.01)
     with pytest.raises(ParameterError, match="k_p"):
         s.zmp_error_from_com(0.0, 6.6, 0.0, 0.0, 0.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import scipy.integrate
 
-from comwalk.certificates import ideal_loop as stability
+from comwalk.certificates import largest_errors
 from comwalk.certificates import sampled_loop as sampled
 from comwalk.control import plant as module
 from comwalk.control.gains import Gains
@@ -164,7 +164,7 @@ def test_sine_on_the_loop_approaches_the_ideal_response():
     errors = closed_loop(robot, Gains(), 12_000, zmp_cutoff=20.0)
     last = np.abs(errors[-4000:]).max(axis=0)
     for axis, (k_p, k_c) in enumerate(((3.0, 6.6), (1.8, 3.8))):
-        ideal = np.abs(stability.frequency_response(PAPER, k_p, k_c, f))
+        ideal = np.abs(largest_errors.frequency_response(PAPER, k_p, k_c, f))
         assert last[:, axis] == pytest.approx(a * ideal, rel=0.04)
 
 
@@ -176,7 +176,7 @@ def test_com_stays_in_the_ideal_bound_under_bounded_disturbances():
         )
         peak = np.abs(closed_loop(robot, Gains(), 5000)[:, 0]).max(axis=0)
         bounds = [
-            stability.worst_case(PAPER, k_p, k_c, 0.05, 0.5, "com").bound
+            largest_errors.worst_case(PAPER, k_p, k_c, 0.05, 0.5, "com").bound
             for k_p, k_c in ((3.0, 6.6), (1.8, 3.8))
         ]
         assert (peak < 1.15 * np.array(bounds)).all()

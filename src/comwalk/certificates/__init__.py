@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from .ideal_loop import lyapunov_rate as lyapunov_rate
     from .ideal_loop import proof_condition as proof_condition
     from .ideal_loop import theorem_1 as theorem_1
+    from .largest_errors import worst_case as worst_case
     from .plan_check import advice as advice
     from .plan_check import check_feasible as check_feasible
     from .plan_check import feasibility as feasibility
@@ -52,6 +53,5 @@ if TYPE_CHECKING:
     from .validation import numbers_of_observed as numbers_of_observed
     from .validation import observe as observe
     from .validation import observe_run as observe_run
-    from .worst_case import worst_case as worst_case
 
 __getattr__, __dir__ = exports_of(__name__, __file__)

@@ -17,6 +17,7 @@ import numpy as np
 from ..errors import ParameterError, checked_number
 from ..pattern import Pendulum
 from .ideal_loop import error_dynamics, is_hurwitz, proof_condition
+from .largest_errors import worst_disturbance
 from .sampled_loop import (
     SampledLoop,
     disturbance_response,
@@ -25,7 +26,6 @@ from .sampled_loop import (
     tick_response,
 )
 from .stability_margins import decay_rate
-from .worst_case import worst_disturbance
 
 
 class PaperBound(NamedTuple):

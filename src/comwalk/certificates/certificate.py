@@ -27,10 +27,10 @@ from .bounds import (
 )
 from .gain_check import check_gains
 from .ideal_loop import Output, is_hurwitz, proof_condition, remark_1
+from .largest_errors import WorstCase, com_peak_gain, worst_case, zmp_peak_gain
 from .pole_placement import damping, natural_frequency, poles
 from .sampled_loop import SampledLoop, highest_cutoff, spectral_radius
 from .stability_margins import Margins, decay_rate, largest_zmp_gain, margins
-from .worst_case import WorstCase, com_peak_gain, worst_case, zmp_peak_gain
 
 
 class SoleRoom(NamedTuple):

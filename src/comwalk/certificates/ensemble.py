@@ -14,8 +14,8 @@ import numpy as np
 from ..compiled import batch_kernel, kernel, parallel_range
 from ..errors import ParameterError, checked_number
 from ..pattern import Pendulum
+from .largest_errors import ramp_step
 from .sampled_loop import SampledLoop, disturbance_response, loop_plant, tick_response
-from .worst_case import ramp_step
 
 LANES = 64
 """Axes that one pass of the inner loop advances [-]."""

@@ -40,8 +40,8 @@ from ..pattern import Pendulum
 from ..runs import read_columns, read_summary
 from .bounds import sampled_weights, sampled_worst_case
 from .gain_check import sampled_loop_of
+from .largest_errors import worst_case
 from .sampled_loop import SampledLoop
-from .worst_case import worst_case
 
 BANDWIDTH = 10.0
 """Frequency up to which errors are looked at [Hz]: the loop is linear, so that what is

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from comwalk.cli import app as cli
-from comwalk.cli import walk as commands
+from comwalk.cli import output
 from comwalk.cli.app import main
 from comwalk.errors import ModelError
 from comwalk.runs.columns import Log
@@ -321,7 +321,7 @@ def test_robots_are_listed(capsys):
 
 
 def test_a_robot_that_is_missing_is_listed_with_the_remedy(capsys, monkeypatch):
-    from comwalk.robot.loaders import sources as model_files
+    from comwalk.robot import loaders as model_files
 
     def missing(name, **options):
         raise ModelError("not there")
@@ -486,7 +486,7 @@ def test_a_closed_pipe_is_no_error(monkeypatch):
     def closed(*args, **kwargs):
         raise BrokenPipeError
 
-    monkeypatch.setattr(commands, "_print_table", closed)
+    monkeypatch.setattr(output, "_print_table", closed)
     monkeypatch.setattr(cli.os, "dup2", lambda *args: None)
     assert main(["motions"]) == 1
 

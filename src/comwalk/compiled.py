@@ -9,6 +9,7 @@ NUMBA_DISABLE_JIT=1 kernels run as plain Python, for debuggers and coverage.
 
 from __future__ import annotations
 
+import ctypes
 import functools
 import logging
 from collections.abc import Callable
@@ -69,6 +70,8 @@ class Kernel:
         """The compiled function, for callers that count every 0.1 us."""
         import numba
 
+        if numba.config.DISABLE_JIT:  # ty: ignore[missing-attribute]
+            return lambda *arguments: self.py_func(*map(_with_attributes, arguments))
         _announce_compiling()
         compiled = numba.njit(cache=True, error_model="numpy", **self._options)
         return compiled(self.py_func)
@@ -83,6 +86,17 @@ class Kernel:
         import numba
 
         return numba.typeof(self.dispatcher)
+
+
+def _with_attributes(value: Any) -> Any:
+    """Return records whose fields are attributes, as kernels see them, uncompiled."""
+    if isinstance(value, np.ndarray) and value.dtype.names:
+        return value.view(np.recarray)
+    if isinstance(value, np.void) and not isinstance(value, np.record):
+        address, size = value.__array_interface__["data"][0], value.dtype.itemsize
+        memory = (ctypes.c_char * size).from_address(address)
+        return np.frombuffer(memory, value.dtype).view(np.recarray)[0]
+    return value
 
 
 def load(compiled: Any, *arguments: Any) -> Callable[..., Any]:

@@ -52,7 +52,7 @@ SLOW = """
 import os, sys, time
 from pathlib import Path
 from comwalk.bench import jobs_of, run_jobs
-from comwalk.trials import Case
+from comwalk.bench.cases import Case
 
 HERE = Path(__file__).parent
 CASES = tuple(Case(name=f"case {k}", steps=k + 1) for k in range(12))

@@ -95,7 +95,8 @@ def _with_attributes(value: Any) -> Any:
     if isinstance(value, np.void) and not isinstance(value, np.record):
         address, size = value.__array_interface__["data"][0], value.dtype.itemsize
         memory = (ctypes.c_char * size).from_address(address)
-        return np.frombuffer(memory, value.dtype).view(np.recarray)[0]
+        array = np.frombuffer(memory, value.dtype)  # ty: ignore[no-matching-overload]
+        return array.view(np.recarray)[0]
     return value
 
 

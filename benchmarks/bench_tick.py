@@ -23,7 +23,7 @@ import mujoco
 import numpy as np
 
 import comwalk as cw
-from comwalk.certificates import default_control, sole_size
+from comwalk.certificates import default_control
 from comwalk.control import Sensors, Tick, WalkingController, walk
 from comwalk.pattern import OnlinePattern
 from comwalk.run import prepare
@@ -69,7 +69,7 @@ def commanded(robot: cw.Robot, duration: float) -> OnlinePattern:
         gait,
         cw.default_pendulum(robot),
         duration=duration,
-        sole_size=sole_size(robot),
+        sole_size=robot.sole_size,
     )
     online.set_velocity(2 * gait.half_step / gait.period)
     return online

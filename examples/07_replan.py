@@ -6,7 +6,7 @@
 import sys
 
 import comwalk as cw
-from comwalk.certificates import default_control, sole_size
+from comwalk.certificates import default_control
 from comwalk.control import WalkingController, walk
 from comwalk.pattern import OnlinePattern
 from comwalk.walking import SimulatedRobot, WholeBody
@@ -35,7 +35,7 @@ online = OnlinePattern(
     cw.default_pendulum(robot),
     duration=13.5,
     driver=drive,
-    sole_size=sole_size(robot),
+    sole_size=robot.sole_size,
 )
 period = control.period
 body = WholeBody(robot, period, None, control.body)

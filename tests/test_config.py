@@ -12,13 +12,11 @@ from hypothesis import strategies as st
 from robots import paper
 
 from comwalk.certificates.defaults import default_gait
-from comwalk.config import DanceConfig, Given, PatternConfig, WalkConfig, parse_push
+from comwalk.config import DanceConfig, PatternConfig, WalkConfig, parse_push
 from comwalk.config_files import (
     command_line,
-    fields_of,
     make_config,
     read_table,
-    table_of,
 )
 from comwalk.control.gains import Gains
 from comwalk.control.settings import Control
@@ -29,6 +27,7 @@ from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.reference import Phase
 from comwalk.pattern.walk_pattern import make_pattern
+from comwalk.settings import Given, settings_of, table_of
 from comwalk.setup import build_dance, build_walk, robot_dance
 from comwalk.sides import Side
 from comwalk.walking.whole_body import WholeBody
@@ -110,7 +109,10 @@ def test_a_value_of_the_file_may_be_mended_by_a_flag(tmp_path):
         ("[gait]\nperiod = 100", ["gait.period must be a number in [0.3, 10] s"]),
         ("[gait]\nperiod = nan", ["gait.period", "nan"]),
         ("[gait]\ndouble_support = 'papr'", ["gait.double_support", '"paper"']),
-        ("[gains]\nzmp = [1, 2, 3]", ["gains.zmp must be one number or 2, got 3"]),
+        (
+            "[gains]\nzmp = [1, 2, 3]",
+            ["gains.zmp must be one number or 2 in 1/s, got 3"],
+        ),
         ("[gains]\nzmp = ['a', 'b']", ["gains.zmp must be a number"]),
         ("[gains]\nzmp = -1", ["gains.zmp must be a number in [0"]),
         ("[body]\nembed_motion = 1", ["body.embed_motion must be true or false"]),
@@ -186,9 +188,9 @@ def test_a_run_can_be_repeated_from_its_summary(tmp_path, cutoff):
 
 
 def test_every_field_is_a_key_but_pushes():
-    hints = fields_of(WalkConfig)
-    assert {"steps", "gait", "gains", "motion", "push", "out", "json"} <= set(hints)
-    assert "pushes" not in fields_of(hints["simulator"])
+    declared = settings_of(WalkConfig)
+    assert {"steps", "gait", "gains", "motion", "push", "out", "json"} <= set(declared)
+    assert "pushes" not in settings_of(declared["simulator"].hint)
 
 
 def test_the_command_line_is_quoted_and_complete():

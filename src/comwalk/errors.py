@@ -99,6 +99,29 @@ def checked_number(
     return x
 
 
+def checked_count(name: str, value: object, low: int, high: int) -> int:
+    """Return a whole number inside its range.
+
+    Args:
+        name: What the number is called where the user wrote it.
+        value: The number, an int or a numpy integer.
+        low: Smallest value allowed.
+        high: Largest value allowed.
+
+    Returns:
+        The number as an int.
+
+    Raises:
+        ParameterError: If it is not a whole number in [low, high].
+    """
+    whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
+    if not whole or not low <= int(value) <= high:  # type: ignore[call-overload]
+        raise ParameterError(
+            f"{name} must be a whole number in [{low}, {high}], got {value!r}"
+        )
+    return int(value)  # type: ignore[call-overload]
+
+
 def nearest(name: str, known: Iterable[str]) -> str:
     """Return a phrase that names the known word nearest to a mistyped one.
 

@@ -18,22 +18,22 @@ from typing import Any, Literal
 
 import numpy as np
 
-from .certificates import default_gait, default_pendulum, sole_size
+from .certificates import default_gait, default_pendulum
 from .control import BodySettings, ControlOutput
 from .embedding import BUILTIN_MOTIONS, EmbeddedMotion, embed_in, fitted
-from .errors import ParameterError, PlanError, checked_number
+from .errors import ParameterError, PlanError, checked_count
 from .pattern import (
     Foothold,
     FootstepPlan,
     Pattern,
     Phase,
     Reference,
-    checked_count,
     make_pattern,
     plan_steps,
 )
 from .robot import Robot
 from .runs import write_npz
+from .settings import check_settings, setting
 from .setup import robot_dance
 from .walking import WholeBody
 
@@ -60,44 +60,41 @@ class Ranges:
         ParameterError: If a number is out of its range.
     """
 
-    speed: float | None = None
-    """Fastest forward walk [m/s], half of it backward; the natural one if None."""
+    speed: float | None = setting(
+        None,
+        "Fastest forward walk, half of it backward; the natural one if None",
+        "m/s",
+        "[0, 10]",
+    )
 
-    side: float | None = None
-    """Fastest sideways walk, both ways [m/s]; a fifth of `speed` if None."""
+    side: float | None = setting(
+        None,
+        "Fastest sideways walk, both ways; a fifth of `speed` if None",
+        "m/s",
+        "[0, 10]",
+    )
 
-    turn: float | None = None
-    """Fastest turn, both ways [rad/s]; 0.15 if None."""
+    turn: float | None = setting(
+        None, "Fastest turn, both ways; 0.15 if None", "rad/s", "[0, 10]"
+    )
 
-    steps: int = 6
-    """Steps of a gait, in [1, 1000]."""
+    steps: int = setting(6, "Steps of a gait", "", "[1, 1000]")
 
-    duration: float = 8.0
-    """How long a dance lasts [s], in [4, 600]."""
+    duration: float = setting(8.0, "How long a dance lasts", "s", "[4, 600]")
 
-    amplitude: float = 0.8
-    """Widest dance [rad], in [0.1, 2.5]; the narrowest is 0.1."""
+    amplitude: float = setting(
+        0.8, "Widest dance; the narrowest is 0.1", "rad", "[0.1, 2.5]"
+    )
 
-    frequency: float = 1.0
-    """Fastest dance [Hz], in [0.2, 3]; the slowest is 0.2."""
+    frequency: float = setting(
+        1.0, "Fastest dance; the slowest is 0.2", "Hz", "[0.2, 3]"
+    )
 
-    period: float = 0.02
-    """Time between two rows [s], in [0.001, 1]."""
+    period: float = setting(0.02, "Time between two rows", "s", "[0.001, 1]")
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        for name, unit in (("speed", "m/s"), ("side", "m/s"), ("turn", "rad/s")):
-            value = getattr(self, name)
-            if value is not None:
-                checked_number(name, value, unit=unit, low=0.0, high=10.0)
-        checked_count("steps", self.steps, 1, 1000)
-        for name, unit, low, high in (
-            ("duration", "s", 4.0, 600.0),
-            ("amplitude", "rad", 0.1, 2.5),
-            ("frequency", "Hz", 0.2, 3.0),
-            ("period", "s", 0.001, 1.0),
-        ):
-            checked_number(name, getattr(self, name), unit=unit, low=low, high=high)
+        check_settings(self)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,7 +224,7 @@ def _draw_gait(robot: Robot, ranges: Ranges, rng: np.random.Generator) -> _Drawn
     """Draw a walk; it is planned when it is called."""
     natural = default_gait(robot)
     fast = ranges.speed
-    fast = 2.0 * natural.half_step / natural.period if fast is None else fast
+    fast = natural.speed if fast is None else fast
     aside = 0.2 * fast if ranges.side is None else ranges.side
     around = 0.15 if ranges.turn is None else ranges.turn
     speed, side, turn = rng.uniform(
@@ -236,7 +233,7 @@ def _draw_gait(robot: Robot, ranges: Ranges, rng: np.random.Generator) -> _Drawn
 
     def make() -> _Motion:
         gait = default_gait(robot, speed=speed, side=side, turn=turn)
-        plan = plan_steps(gait, ranges.steps, sole_size=sole_size(robot))
+        plan = plan_steps(gait, ranges.steps, sole_size=robot.sole_size)
         return make_pattern(plan, default_pendulum(robot)), None
 
     return (speed, side, turn), "", make
@@ -254,7 +251,7 @@ def _draw_dance(robot: Robot, ranges: Ranges, rng: np.random.Generator) -> _Draw
             left=Foothold(0.0, A),
             right=Foothold(0.0, -A),
             stand_time=0.5 * ranges.duration,
-            sole_size=sole_size(robot),
+            sole_size=robot.sole_size,
         )
         clip = robot_dance(
             robot, name, {"amplitude": amplitude, "frequency": frequency}

@@ -17,16 +17,13 @@ from .certificates.identification import standing_pattern
 from .config import (
     CertifyConfig,
     DanceConfig,
-    Given,
     IdentifyConfig,
     RobotConfig,
     WalkConfig,
 )
-from .config_files import _located
 from .control import (
     Control,
     Disturbance,
-    Gains,
     Plant,
     SimulatorSettings,
     no_disturbance,
@@ -197,16 +194,18 @@ def build_certificate(config: CertifyConfig) -> Certificate:
     from .certificates import (
         certify,
         default_control_settings,
+        default_gains,
         default_pendulum,
         design,
         sole_room,
+        stated_gains,
     )
     from .robot import load_robot
 
     robot = load_robot(config.robot, profile=config.profile)
     pendulum = config.pendulum.over(default_pendulum(robot))
     period = float(config.loop.values.get("period", Control().period))
-    gains = _gains(config.gains, robot, period)
+    gains = stated_gains(config.gains, default_gains(robot, period=period))
     settings = default_control_settings(robot, gains, pendulum=pendulum, period=period)
     loop = sampled_loop_of(Control(gains=gains, settings=settings, period=period))
     loop = config.loop.over(loop)
@@ -237,19 +236,6 @@ def _goal(text: str, robot: Robot, a: float, b: float) -> DesignGoal:
     return DesignGoal(aim="poles", frequency=frequency, damping=damping)
 
 
-def _gains(given: Given[Gains], robot: Robot, period: float) -> Gains:
-    """Return the given gains over the robot's.
-
-    Standing gains that were designed beside other walking gains go with those.
-    """
-    from .certificates import default_gains
-
-    own = default_gains(robot, period=period)
-    if {"zmp", "com"} & set(given.values):
-        own = dataclasses.replace(own, standing_zmp=None, standing_com=None)
-    return given.over(own)
-
-
 def _refuse_idle(config: WalkConfig) -> None:
     """Refuse settings that would do nothing, since a user expects them to."""
     default, idle = WalkConfig(), {}
@@ -276,7 +262,7 @@ def build_dance(config: DanceConfig) -> Setup:
     Raises:
         ComwalkError: If they do not exist, or do not go together.
     """
-    from .certificates import default_gait, sole_size
+    from .certificates import default_gait
 
     robot = _load(config)
     duration = config.duration
@@ -290,7 +276,7 @@ def build_dance(config: DanceConfig) -> Setup:
         left=Foothold(0.0, A),
         right=Foothold(0.0, -A),
         stand_time=duration / 2,
-        sole_size=sole_size(robot),
+        sole_size=robot.sole_size,
     )
     pattern = make_pattern(plan, _pendulum(config, robot))
     return _dancing(_setup(config, robot, pattern), config, "")
@@ -324,12 +310,12 @@ def build_identify(config: IdentifyConfig) -> IdentifySetup:
     Raises:
         ComwalkError: If they do not exist, or do not go together.
     """
-    from .certificates import default_gait, sole_size
+    from .certificates import default_gait
     from .walking import SimulatedRobot, WholeBody
 
     robot = _load(config)
     pendulum, period = _pendulum(config, robot), float(config.period)
-    size, half_width = sole_size(robot), default_gait(robot).half_width
+    size, half_width = robot.sole_size, default_gait(robot).half_width
 
     def standing(duration: float) -> Pattern:
         return standing_pattern(pendulum, half_width, size, duration)
@@ -358,10 +344,10 @@ def _pendulum(config: RobotConfig, robot: Robot) -> Pendulum:
 
 def _setup(config: RobotConfig, robot: Robot, pattern: Pattern) -> Setup:
     """Return a setup without motion."""
-    from .certificates import default_control_settings
+    from .certificates import default_control_settings, default_gains, stated_gains
 
     period = float(config.period)
-    gains = _gains(config.gains, robot, period)
+    gains = stated_gains(config.gains, default_gains(robot, period=period))
     settings = default_control_settings(
         robot, gains, pendulum=pattern.pendulum, period=period
     )
@@ -384,9 +370,9 @@ def _setup(config: RobotConfig, robot: Robot, pattern: Pattern) -> Setup:
 
 def _plan(config: WalkConfig, robot: Robot) -> FootstepPlan:
     """Return the footsteps, from the file or regular ones."""
-    from .certificates import default_gait, sole_size
+    from .certificates import default_gait
 
-    size = sole_size(robot)
+    size = robot.sole_size
     if config.plan is not None:
         return load_plan(config.plan, gait=default_gait(robot), sole_size=size)
     return plan_steps(regular_gait(config, robot), config.steps, sole_size=size)
@@ -421,8 +407,8 @@ def regular_gait(config: WalkConfig, robot: Robot) -> Gait:
         )
         return dataclasses.replace(gait, **step)
     except ParameterError as error:
-        text = _located(str(error), given, set(), "", "gait.")
-        raise ParameterError(text) from None
+        about_gait = str(error).partition(" ")[0] in given
+        raise ParameterError(f"gait.{error}" if about_gait else str(error)) from None
 
 
 def _dancing(setup: Setup, config: WalkConfig | DanceConfig, prefix: str) -> Setup:

@@ -22,7 +22,6 @@ from comwalk.certificates.defaults import (
     default_gains,
     default_gait,
     default_pendulum,
-    sole_size,
     walk_pattern,
 )
 from comwalk.certificates.gain_check import check_control
@@ -66,7 +65,7 @@ def test_the_papers_robot_gets_the_papers_numbers():
     assert default_gains(robot) == Gains()
     assert default_control_settings(robot) == ControlSettings()
     assert default_control(robot) == Control()
-    assert sole_size(robot) == (0.24, 0.13)
+    assert robot.sole_size == (0.24, 0.13)
 
 
 def test_a_small_robot_walks_alike(small):
@@ -85,7 +84,7 @@ def test_a_small_robot_walks_alike(small):
     assert np.array(default_gains(small).walking) == pytest.approx(
         2.0 * np.array(Gains().walking), rel=5e-3
     )
-    assert sole_size(small) == pytest.approx((0.06, 0.0325))
+    assert small.sole_size == pytest.approx((0.06, 0.0325))
 
 
 def test_the_pattern_of_a_small_robot_is_the_papers_made_smaller(small):
@@ -110,7 +109,7 @@ def test_feet_that_would_meet_are_set_apart(small):
     feet = {s: replace(f, sole=f.sole * [1, 2]) for s, f in small.feet.items()}
     wide = replace(small, feet=feet)
     gait = default_gait(wide)
-    assert 2 * gait.half_width > sole_size(wide)[1]
+    assert 2 * gait.half_width > wide.sole_size[1]
     walk_pattern(wide, 2)
 
 

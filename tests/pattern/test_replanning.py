@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from numpy.lib.recfunctions import structured_to_unstructured
 from scipy.linalg import expm
 
-from comwalk.certificates.defaults import default_control, sole_size
+from comwalk.certificates.defaults import default_control
 from comwalk.control.law import WalkingController
 from comwalk.control.loop import walk
 from comwalk.errors import ParameterError, PlanError
@@ -417,7 +417,7 @@ def test_a_commanded_walk_in_physics():
     """Half a walk forward, a curve while a foot swings, a stop in double support."""
     robot = load_robot("paper")
     control = default_control(robot)
-    online = OnlinePattern(duration=8.0, sole_size=sole_size(robot))
+    online = OnlinePattern(duration=8.0, sole_size=robot.sole_size)
     orders = [(0.0, (0.2, 0.0, 0.0)), (2.3, (0.1, 0.0, 0.15)), (4.6, (0.0, 0.0, 0.0))]
 
     def drive(online, time):

@@ -139,7 +139,7 @@ def gait_of(robot: str, case: Case) -> Gait:
     gait = _natural_gait(robot)
     size = gait.half_step / PAPER_GAIT.half_step
     if case.haste != 1.0:
-        speed = case.haste * 2.0 * gait.half_step / gait.period
+        speed = case.haste * gait.speed
         return default_gait(_loaded(robot), speed=speed)
     return default_gait(
         _loaded(robot),
@@ -347,7 +347,7 @@ def _find_speed(robot: str, case: Case) -> dict[str, Any]:
         return fault_of(perform(robot, walk), limits=True)
 
     natural = _natural_gait(robot)
-    unit = 2.0 * natural.half_step / natural.period
+    unit = natural.speed
     limit = find_limit(fault, _SLOWEST, _FASTEST, case.tolerance)
     return _found(limit, limit.cause and limit.value == _SLOWEST, speed_m_s=unit)
 
@@ -391,9 +391,9 @@ def _about(robot: str, case: Case) -> dict[str, Any]:
         "joints": joints,
         "com_height_m": setup.pattern.pendulum.height,
         "sole_mm": [1e3 * x for x in setup.pattern.plan.sole_size],
-        "step_m": 2.0 * gait.half_step,
+        "step_m": gait.step_length,
         "period_s": gait.period,
-        "speed_m_s": 2.0 * gait.half_step / gait.period,
+        "speed_m_s": gait.speed,
     }
 
 

@@ -19,9 +19,10 @@ if TYPE_CHECKING:
     from .defaults import default_gains as default_gains
     from .defaults import default_gait as default_gait
     from .defaults import default_pendulum as default_pendulum
+    from .defaults import largest_gait as largest_gait
     from .defaults import similar_gains as similar_gains
     from .defaults import sole_room as sole_room
-    from .defaults import sole_size as sole_size
+    from .defaults import stated_gains as stated_gains
     from .defaults import walk_pattern as walk_pattern
     from .description import describe as describe
     from .description import profile_of as profile_of

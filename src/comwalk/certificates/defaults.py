@@ -29,6 +29,7 @@ from ..pattern import (
     plan_steps,
 )
 from ..robot import LEGS, Kinematics, Robot
+from ..settings import Given
 from ..sides import Side
 from .certificate import SoleRoom
 from .gain_check import sampled_loop_of
@@ -70,9 +71,12 @@ def default_pendulum(robot: Robot) -> Pendulum:
         much longer its legs make the pendulum; the paper's robot keeps the paper's
         point mass.
     """
-    height = round(_com_height(_home_posture(robot)), 3)
-    inertia = 0.0 if robot.name == "paper" else round(sway_inertia(robot), 3)
-    return Pendulum(height=height, gravity=robot.gravity, inertia=inertia)
+    natural = Pendulum(
+        height=round(robot.com_height, 3),
+        gravity=robot.gravity,
+        inertia=round(sway_inertia(robot), 3),
+    )
+    return robot.profile.pendulum.over(natural)
 
 
 def sway_inertia(robot: Robot) -> float:
@@ -98,7 +102,7 @@ def sway_inertia(robot: Robot) -> float:
     for velocity, axis, sign in (((1.0, 0.0, 0.0), 1, 1.0), ((0.0, 1.0, 0.0), 0, -1.0)):
         sway = _sway(robot, posture, np.array(velocity))
         L = kinematics.angular_momentum(sway)
-        shares.append(sign * L[axis] / (robot.mass * _com_height(posture)))
+        shares.append(sign * L[axis] / (robot.mass * robot.com_height))
     return float(np.mean(shares))
 
 
@@ -161,7 +165,7 @@ def default_gait(
     gait = replace(natural, **given)
     if robot is None or not gait.turn or "half_width" in changes:
         return gait
-    return _widened(gait, sole_size(robot))
+    return _widened(gait, robot.sole_size)
 
 
 def _widened(gait: Gait, size: tuple[float, float]) -> Gait:
@@ -192,9 +196,26 @@ def default_gains(robot: Robot, *, period: float = 0.002) -> Gains:
     Raises:
         ParameterError: If the period is out of range, or too long for any gains.
     """
-    if robot.name == "paper":
-        return similar_gains(default_pendulum(robot))
-    return _designed(robot, period).gains
+    stated = robot.profile.gains
+    if {"zmp", "com"} <= set(stated.values):
+        return Gains(**stated.values)
+    return stated_gains(stated, _designed(robot, period).gains)
+
+
+def stated_gains(stated: Given[Gains], own: Gains) -> Gains:
+    """Return the gains that somebody stated, over those that suit a robot.
+
+    Args:
+        stated: Some or all gains.
+        own: The robot's. Standing gains that were designed beside other walking gains
+            go with those.
+
+    Returns:
+        All gains.
+    """
+    if {"zmp", "com"} & set(stated.values):
+        own = replace(own, standing_zmp=None, standing_com=None)
+    return stated.over(own)
 
 
 def similar_gains(pendulum: Pendulum) -> Gains:
@@ -245,8 +266,12 @@ def default_control_settings(
     pendulum = pendulum or default_pendulum(robot)
     usual, own = ControlSettings(), default_gains(robot, period=period)
     gains = gains or own
+    stated = robot.profile.control
+    usual = stated.over(usual)
     cutoff = (usual.zmp_cutoff or 0.0) * pendulum.omega / PAPER_PENDULUM.omega
-    if gains == own and robot.name != "paper":
+    if gains == own and "zmp_cutoff" in stated.values:
+        return usual
+    if gains == own and not robot.profile.gains.values:
         cutoff = _designed(robot, period).zmp_cutoff
     loop = SampledLoop(period=period, delay=usual.delay + 1)
     highest = [
@@ -273,20 +298,6 @@ def default_control(robot: Robot, *, period: float = 0.002) -> Control:
     return Control(gains=gains, settings=settings, period=period)
 
 
-def sole_size(robot: Robot) -> tuple[float, float]:
-    """Return the rectangle that plans take for each sole of a robot.
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        Length and width [m], the extent of the larger sole about its centre.
-    """
-    extents = [2.0 * np.abs(foot.sole).max(axis=0) for foot in robot.feet.values()]
-    length, width = np.max(extents, axis=0).round(9).tolist()
-    return length, width
-
-
 def sole_room(robot: Robot) -> SoleRoom:
     """Return how far the ZMP of a robot may be from its plan before a sole tips.
 
@@ -297,9 +308,7 @@ def sole_room(robot: Robot) -> SoleRoom:
         On one foot half of the sole's length and width; on both feet, as far apart as
         in the home posture, half of the width of both.
     """
-    length, width = sole_size(robot)
-    left, right = _home_posture(robot).ends[:2, :2]
-    apart = float(np.hypot(*(left - right)))
+    (length, width), apart = robot.sole_size, robot.stance_width
     return SoleRoom(
         walking=(0.5 * length, 0.5 * width),
         standing=(0.5 * length, 0.5 * (width + apart)),
@@ -333,25 +342,29 @@ def walk_pattern(
         PlanError: If the feet would meet or the steps are too long.
     """
     gait = default_gait(robot, speed=speed, side=side, turn=turn, **changes)
-    plan = plan_steps(gait, steps, sole_size=sole_size(robot))
+    plan = plan_steps(gait, steps, sole_size=robot.sole_size)
     return make_pattern(plan, default_pendulum(robot))
 
 
-def _home_posture(robot: Robot) -> Posture:
-    return Kinematics(robot).posture(robot.home)
-
-
-def _com_height(posture: Posture) -> float:
-    """Return the height of the CoM above the soles [m]."""
-    return float(posture.com[2] - posture.ends[:2, 2].mean())
+def _natural_gait(robot: Robot | None) -> Gait:
+    """Return the gait at the natural speed: the paper's, to scale and in reach."""
+    return PAPER_GAIT if robot is None else largest_gait(robot)
 
 
 @lru_cache(maxsize=32)
-def _natural_gait(robot: Robot | None) -> Gait:
-    """Return the gait at the natural speed: the paper's, to scale and in reach."""
-    if robot is None:
-        return PAPER_GAIT
-    gait = _similar_gait(robot)
+def largest_gait(robot: Robot) -> Gait:
+    """Return the longest steps, up to those of the similar gait, that keep the limits.
+
+    Args:
+        robot: The robot; what its profile says of the gait stays as it is.
+
+    Returns:
+        The gait; the similar one if not even the shortest steps fit.
+    """
+    stated = robot.profile.gait
+    gait = stated.over(_similar_gait(robot))
+    if "half_step" in stated.values:
+        return gait
     for share in _SHARES:
         lower = max(share, _LEAST_SWING)
         shorter = replace(
@@ -372,7 +385,7 @@ _USE = 0.98  # share of a limit that the natural gait may use
 def _fits(robot: Robot, gait: Gait) -> bool:
     """Return whether a few steps keep within the limits of joints and legs."""
     try:
-        plan = plan_steps(gait, 4, sole_size=sole_size(robot))
+        plan = plan_steps(gait, 4, sole_size=robot.sole_size)
         pattern = make_pattern(plan, default_pendulum(robot))
         demands = feasibility(robot, pattern).demands
     except ComwalkError:
@@ -382,10 +395,8 @@ def _fits(robot: Robot, gait: Gait) -> bool:
 
 def _similar_gait(robot: Robot) -> Gait:
     """Return the paper's gait scaled to a robot."""
-    posture = _home_posture(robot)
-    r = round(_com_height(posture), 3) / PAPER_PENDULUM.height
-    left, right = posture.ends[:2, :2]
-    apart, least = float(np.hypot(*(left - right))), sole_size(robot)[1] + SOLE_GAP * r
+    r = round(robot.com_height, 3) / PAPER_PENDULUM.height
+    apart, least = robot.stance_width, robot.sole_size[1] + SOLE_GAP * r
     times = ("period", "transfer_time", "start_time", "stop_time")
     lengths = ("half_step", "swing_height")
     return replace(

@@ -20,6 +20,7 @@ from ..robot import (
     sole_numbers,
 )
 from ..robot.loaders import first_of
+from ..robot.profile import SoleNumbers
 from ..sides import Side
 from .defaults import default_gait, default_pendulum
 
@@ -45,9 +46,8 @@ def profile_of(robot: Robot) -> Profile:
     }
     if anatomy.marked:
         return Profile(**joints)
-    left, right = _ends(robot)[:2, 1].tolist()
     return Profile(
-        forward=anatomy.forward,
+        forward=math.degrees(anatomy.forward),
         imu=anatomy.imu,
         torso=anatomy.torso,
         head=anatomy.head,
@@ -55,12 +55,12 @@ def profile_of(robot: Robot) -> Profile:
         legs={s: _with_followers(robot, leg) for s, leg in anatomy.legs.items()},
         arms={s: _with_followers(robot, arm) for s, arm in anatomy.arms.items()},
         soles={
-            side: {name: round(x, 6) for name, x in sole_numbers(sole).items()}
+            side: SoleNumbers(**{k: round(x, 6) for k, x in sole_numbers(sole).items()})
             for side, sole in anatomy.soles.items()
         },
         stance=Stance(
-            com_height=_digits(com_height(robot)),
-            half_width=_digits(0.5 * (left - right)),
+            com_height=_digits(robot.com_height),
+            half_width=_digits(0.5 * robot.stance_width),
         ),
         **joints,
     )
@@ -86,16 +86,6 @@ def _limits(robot: Robot) -> dict[str, Limits]:
     return found
 
 
-def com_height(robot: Robot) -> float:
-    """Return the height of the CoM above the soles in the walking posture [m].
-
-    Args:
-        robot: The robot.
-    """
-    posture = Kinematics(robot).posture(robot.home)
-    return float(posture.com[2] - posture.ends[:2, 2].mean())
-
-
 def describe(robot: Robot) -> dict[str, Any]:
     """Return what was found out about a robot, ready for JSON.
 
@@ -112,7 +102,7 @@ def describe(robot: Robot) -> dict[str, Any]:
     return {
         "name": robot.name,
         "mass_kg": round(robot.mass, 3),
-        "com_height_m": round(com_height(robot), 4),
+        "com_height_m": round(robot.com_height, 4),
         "forward_deg": round(math.degrees(anatomy.forward), 3),
         "joints": len(robot.joints),
         "parts": parts,
@@ -166,8 +156,8 @@ def _gait(robot: Robot) -> dict[str, float]:
     """Return the gait that the robot walks with unless told otherwise."""
     gait = default_gait(robot)
     return {
-        "speed_m_s": _digits(2.0 * gait.half_step / gait.period),
-        "step_length_m": _digits(2.0 * gait.half_step),
+        "speed_m_s": _digits(gait.speed),
+        "step_length_m": _digits(gait.step_length),
         "step_time_s": gait.period,
         "step_width_m": _digits(2.0 * gait.half_width),
         "pendulum_height_m": default_pendulum(robot).height,

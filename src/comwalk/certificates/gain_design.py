@@ -12,13 +12,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Literal, NamedTuple, TypeAlias, get_args
+from typing import Literal, NamedTuple, TypeAlias
 
 import numpy as np
 
 from ..control import Gains
-from ..errors import ParameterError, checked_number, nearest
+from ..errors import ParameterError
 from ..pattern import Pendulum
+from ..settings import check_settings, setting
 from .bounds import sampled_weights, sampled_worst_case
 from .pole_placement import damping, design_gains
 from .sampled_loop import SampledLoop, highest_cutoff
@@ -37,51 +38,54 @@ class DesignGoal:
         ParameterError: If a number is out of range, or poles are half given.
     """
 
-    aim: Aim = "gait"
-    """What is made best."""
-    step_time: float = 1.0
-    """Time of a step [s], in [0.1, 10], whose ZMP error the aim "gait" holds down."""
-    frequency: float | None = None
-    """Natural frequency of the ideal loop [rad/s], for the aim "poles"."""
-    damping: float | None = None
-    """Its damping [-], for the aim "poles"."""
-    a: float = 0.05
-    """Bound on |eps| [m/s], for the aim "disturbance"."""
-    b: float = 0.5
-    """Bound on the rate of eps [m/s^2], for the aim "disturbance"."""
-    gain_margin: float = 3.0
-    """Factor on both gains that the loop is to stand [-], in [1, 100]."""
-    amplification: float = 2.0
-    """Largest k_c / (k_c - k_p), by which a constant ZMP error grows [-], in (1, 10].
-    """
-    standing_damping: float = 1.0
-    """Damping of the ideal loop when standing [-], in [0.3, 10]."""
-    standing_amplification: float = 1.5
-    """k_c / (k_c - k_p) when standing [-], in (1, 10]."""
+    aim: Aim = setting("gait", "What is made best")
+    step_time: float = setting(
+        1.0,
+        'Time of a step, whose ZMP error the aim "gait" holds down',
+        "s",
+        "[0.1, 10]",
+    )
+    frequency: float | None = setting(
+        None,
+        'Natural frequency of the ideal loop, for the aim "poles"',
+        "rad/s",
+        "(0, inf)",
+    )
+    damping: float | None = setting(
+        None, 'Its damping, for the aim "poles"', "", "(0, inf)"
+    )
+    a: float = setting(
+        0.05, 'Bound on |eps|, for the aim "disturbance"', "m/s", "[1e-6, 10]"
+    )
+    b: float = setting(
+        0.5,
+        'Bound on the rate of eps, for the aim "disturbance"',
+        "m/s^2",
+        "[1e-6, 1e3]",
+    )
+    gain_margin: float = setting(
+        3.0, "Factor on both gains that the loop is to stand", "", "[1, 100]"
+    )
+    amplification: float = setting(
+        2.0,
+        "Largest k_c / (k_c - k_p), by which a constant ZMP error grows",
+        "",
+        "[1.01, 10]",
+    )
+    standing_damping: float = setting(
+        1.0, "Damping of the ideal loop when standing", "", "[0.3, 10]"
+    )
+    standing_amplification: float = setting(
+        1.5, "k_c / (k_c - k_p) when standing", "", "[1.01, 10]"
+    )
 
     def __post_init__(self) -> None:
         """Refuse numbers out of range."""
-        if self.aim not in get_args(Aim):
-            choices = nearest(str(self.aim), get_args(Aim))
-            raise ParameterError(f"no aim {self.aim!r} of a design; {choices}")
-        for name, (unit, low, high) in _GOAL_LIMITS.items():
-            value = getattr(self, name)
-            checked_number(f"goal.{name}", value, unit=unit, low=low, high=high)
+        check_settings(self)
         if self.aim == "poles":
             if self.frequency is None or self.damping is None:
                 raise ParameterError('the aim "poles" needs a frequency and a damping')
             design_gains(Pendulum(), self.frequency, self.damping)
-
-
-_GOAL_LIMITS = {
-    "step_time": ("s", 0.1, 10.0),
-    "a": ("m/s", 1e-6, 10.0),
-    "b": ("m/s^2", 1e-6, 1e3),
-    "gain_margin": ("", 1.0, 100.0),
-    "amplification": ("", 1.01, 10.0),
-    "standing_damping": ("", 0.3, 10.0),
-    "standing_amplification": ("", 1.01, 10.0),
-}
 
 
 class Design(NamedTuple):

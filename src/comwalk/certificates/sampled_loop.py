@@ -17,54 +17,55 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 
 from ..control import low_pass_coefficient, servo_response
-from ..errors import ParameterError, checked_number
+from ..errors import checked_number
 from ..pattern import Pendulum
+from ..settings import check_settings, setting
 
 
 @dataclass(frozen=True, kw_only=True)
 class SampledLoop:
     """The loop as a robot runs it: sampled, with servo lag, ZMP filter and delay."""
 
-    period: float = 0.002
-    """Control period dt [s], in [1e-5, 1]."""
+    period: float = setting(0.002, "Control period dt", "s", "[1e-5, 1]")
 
-    servo_lag: float = 0.02
-    """Time constant tau of the CoM velocity servo [s], in [1e-5, 100]."""
+    servo_lag: float = setting(
+        0.02, "Time constant tau of the CoM velocity servo", "s", "[1e-5, 100]"
+    )
 
-    zmp_cutoff: float | None = 4.0
-    """Cut-off of the first-order ZMP filter [Hz], above 0; None for the raw ZMP."""
+    zmp_cutoff: float | None = setting(
+        4.0,
+        "Cut-off of the first-order ZMP filter, above 0; None for the raw ZMP",
+        "Hz",
+        "(0, inf]",
+    )
 
-    delay: int = 1
-    """Delay of all measurements [ticks], 0 to 1000."""
+    delay: int = setting(1, "Delay of all measurements", "ticks", "[0, 1000]")
 
-    analog_filter: bool = False
-    """Whether the ZMP is filtered at the sensor's own high rate, not once a tick."""
+    analog_filter: bool = setting(
+        False,
+        "Whether the ZMP is filtered at the sensor's own high rate, not once a tick",
+    )
 
-    dead_time: float = 0.0
-    """Dead time between the command and the servo [s], 0 to 1000 periods, in whole
-    ticks or not."""
+    dead_time: float = setting(
+        0.0,
+        "Dead time between the command and the servo, at most 1000 periods",
+        "s",
+        "[0, 1000]",
+    )
 
-    mode_frequency: float | None = None
-    """Frequency at which the ZMP swings on the yielding contact [Hz], in [0.01, 1e4];
-    None for rigid ground."""
+    mode_frequency: float | None = setting(
+        None,
+        "Frequency at which the ZMP swings on the yielding contact; None for rigid "
+        "ground",
+        "Hz",
+        "[0.01, 1e4]",
+    )
 
-    mode_damping: float = 0.5
-    """Damping ratio of that swing [-], in (0, 10]."""
+    mode_damping: float = setting(0.5, "Damping ratio of that swing", "", "(0, 10]")
 
     def __post_init__(self) -> None:
         """Refuse numbers out of range."""
-        for name, (unit, low, high) in _LOOP_LIMITS.items():
-            value = getattr(self, name)
-            if value is not None or name != "mode_frequency":
-                checked_number(name, value, unit=unit, low=low, high=high)
-        cutoff = self.zmp_cutoff
-        if cutoff is not None and cutoff != math.inf:
-            checked_number("zmp_cutoff", cutoff, unit="Hz", low=0.0, open_low=True)
-        name = "mode_damping"
-        checked_number(name, self.mode_damping, low=0.0, high=10.0, open_low=True)
-        checked_number("delay", self.delay, unit="ticks", low=0, high=1000)
-        if self.delay != int(self.delay):
-            raise ParameterError(f"delay must be whole ticks, got {self.delay:g}")
+        check_settings(self)
         high = 1000.0 * self.period
         checked_number("dead_time", self.dead_time, unit="s", low=0.0, high=high)
 
@@ -80,13 +81,6 @@ class SampledLoop:
         ticks = math.floor(self.dead_time / self.period + 1e-9)
         rest = self.dead_time - ticks * self.period
         return ticks, rest if rest > 1e-9 * self.period else 0.0
-
-
-_LOOP_LIMITS = {
-    "period": ("s", 1e-5, 1.0),
-    "servo_lag": ("s", 1e-5, 100.0),
-    "mode_frequency": ("Hz", 0.01, 1e4),
-}
 
 
 class LoopPlant(NamedTuple):

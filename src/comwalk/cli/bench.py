@@ -31,8 +31,7 @@ from ..bench import (
     tables_of_findings,
     write_report,
 )
-from ..errors import ParameterError, RunError, nearest
-from ..pattern import checked_count
+from ..errors import ParameterError, RunError, checked_count, nearest
 from ..robot.loaders import ROBOTS
 from ..run import prepare_folder
 from .progress import counting_bar

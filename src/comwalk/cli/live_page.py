@@ -174,7 +174,7 @@ class LivePage:
         gui.add_markdown("Takes effect at **Restart**.")
         for key, label, low, high, step, value in (
             ("steps", "steps", 1, 100, 1, min(config.steps, 100)),
-            ("length", "step length [m]", -0.4, 0.4, 0.01, 2.0 * gait.half_step),
+            ("length", "step length [m]", -0.4, 0.4, 0.01, gait.step_length),
             ("period", "step time [s]", 0.3, 2.0, 0.01, gait.period),
             ("turn", "turn per step [deg]", -30.0, 30.0, 1.0, math.degrees(gait.turn)),
         ):

@@ -1,26 +1,21 @@
 """Flags of the command line, made from the dataclasses of settings.
 
-Each field becomes a flag; its docstring is the help text, its default is shown. A flag
+Each setting becomes a flag: its text is the help, its default is shown. A flag
 that is not given is None, so that a file can give its value.
 """
 
 from __future__ import annotations
 
-import ast
 import dataclasses
-import linecache
-import re
-import sys
 from collections.abc import Callable
 from functools import cache
-from itertools import pairwise
 from types import FunctionType, UnionType
 from typing import Annotated, Any, get_args, get_origin
 
 from cyclopts import Group, Parameter
 
-from ..config_files import fields_of, part_of
 from ..errors import ParameterError
+from ..settings import Given, settings_of
 
 
 @cache
@@ -38,24 +33,23 @@ def flags_of(
     Returns:
         The dataclass, for a parser that flattens it.
     """
-    texts, defaults = _field_texts(kind), kind()
     rows: list[tuple[str, Any, Any]] = []
-    hints = fields_of(kind)
-    for name in sorted(hints, key=lambda name: name not in kind.__annotations__):
+    declared = settings_of(kind)
+    for name in sorted(declared, key=lambda name: name not in kind.__annotations__):
         if name in skipped:
             continue
-        hint, default = hints[name], getattr(defaults, name)
-        text, part = texts.get(name, ""), part_of(hint)
-        if part or dataclasses.is_dataclass(hint):
-            flags = flags_of(part or hint, suits_robot=part is not None)
-            group = Group.create_ordered(text.rstrip("."))
+        own = declared[name]
+        hint, default = own.hint, own.default
+        if dataclasses.is_dataclass(default):
+            is_given = isinstance(default, Given)
+            part = default.kind if is_given else type(default)
+            flags = flags_of(part, suits_robot=is_given)
+            group = Group.create_ordered(own.help)
             factory = dataclasses.field(default_factory=flags)
             rows.append((name, _noted(flags, Parameter(group=group)), factory))
         else:
-            note = Parameter(
-                help=text + _shown(default, suits_robot), **_parsing(hint, default)
-            )
-            flag = _noted(_hint(hint), note)
+            text = own.text + _shown(default, suits_robot)
+            flag = _noted(_hint(hint), Parameter(help=text, **_parsing(hint, default)))
             rows.append((name, flag, dataclasses.field(default=None)))
     mirror = dataclasses.make_dataclass(f"{kind.__name__}Flags", rows, kw_only=True)
     mirror.__module__ = __name__
@@ -64,30 +58,6 @@ def flags_of(
 
 def _noted(hint: Any, note: Parameter) -> Any:
     return Annotated[hint, note]
-
-
-def _field_texts(kind: type) -> dict[str, str]:
-    """Return the docstring under each field of a dataclass and its bases."""
-    texts: dict[str, str] = {}
-    for base in reversed(kind.__mro__[:-1]):
-        (tree,) = ast.parse(_source_of(base)).body
-        for field, text in pairwise(getattr(tree, "body", ())):
-            if isinstance(field, ast.AnnAssign) and isinstance(text, ast.Expr):
-                words = ast.literal_eval(text.value).split()
-                texts[ast.unparse(field.target)] = " ".join(words)
-    return texts
-
-
-def _source_of(kind: type) -> str:
-    """Return the text of a class, to the next line that is not indented.
-
-    `inspect.getsource` would parse the whole module, for each class anew.
-    """
-    lines = linecache.getlines(str(sys.modules[kind.__module__].__file__))
-    head = re.compile(rf"class {kind.__name__}\b")
-    first = next(k for k, line in enumerate(lines) if head.match(line))
-    rest = (k for k in range(first + 1, len(lines)) if lines[k][:1].strip())
-    return "".join(lines[first : next(rest, len(lines))])
 
 
 def _shown(default: Any, suits_robot: bool) -> str:

@@ -14,7 +14,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from ..config import DanceConfig, PatternConfig, RobotConfig, WalkConfig
-from ..config_files import command_line, make_config, table_of
+from ..config_files import command_line, make_config
 from ..embedding import (
     BUILTIN_MOTIONS,
     Motion,
@@ -24,6 +24,7 @@ from ..embedding import (
 )
 from ..errors import ModelError, ParameterError
 from ..pattern import coefficients, make_pattern, plan_steps, transfer_zmp
+from ..settings import table_of
 from ..setup import Setup, build_dance, build_walk
 from ..views import HOST, PORT, Address, outcome_text
 from .options import HostFlag, OpenFlag, PortFlag, flags_of, given_flags, with_flags
@@ -197,7 +198,7 @@ def _pattern_numbers(settings: PatternConfig) -> dict[str, Any]:
         **{f"{name}_m": value for name, value in factors.items()},
         "zmp_jump_x_m": gait.half_step - K_x,
         "zmp_jump_y_m": gait.half_width - K_y,
-        "speed_m_s": 2.0 * gait.half_step / gait.period,
+        "speed_m_s": gait.speed,
     }
 
 

@@ -2,26 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-import numpy as np
-
-from ..errors import ParameterError, checked_number
+from ..settings import check_settings, setting
 
 Pair = tuple[float, float]
-
-
-def _pair(name: str, value: object) -> Pair:
-    """Return one number or two as a pair (x, y) of gains."""
-    several = isinstance(value, (Sequence, np.ndarray)) and not isinstance(value, str)
-    values = list(value) if several and np.ndim(value) == 1 else [value]  # type: ignore[call-overload]
-    if len(values) not in (1, 2):
-        raise ParameterError(
-            f"{name} must be one number or two (x, y) in 1/s, got {len(values)}"
-        )
-    numbers = [checked_number(name, v, unit="1/s", low=0.0) for v in values]
-    return numbers[0], numbers[-1]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,24 +25,29 @@ class Gains:
         True
     """
 
-    zmp: Pair = (3.0, 1.8)
-    """ZMP gains k_p (x, y) [1/s], 0 or above; stable if 0 < k_p < k_c."""
+    zmp: Pair = setting(
+        (3.0, 1.8), "ZMP gains k_p (x, y); stable if 0 < k_p < k_c", "1/s", "[0, inf)"
+    )
 
-    com: Pair = (6.6, 3.8)
-    """CoM gains k_c (x, y) [1/s], 0 or above."""
+    com: Pair = setting((6.6, 3.8), "CoM gains k_c (x, y)", "1/s", "[0, inf)")
 
-    standing_zmp: Pair | None = None
-    """k_p when standing [1/s]; None: the walking gain, but at most 1."""
+    standing_zmp: Pair | None = setting(
+        None,
+        "k_p when standing; None: the walking gain, but at most 1",
+        "1/s",
+        "[0, inf)",
+    )
 
-    standing_com: Pair | None = None
-    """k_c when standing [1/s]; None: the walking gain, but at most 3."""
+    standing_com: Pair | None = setting(
+        None,
+        "k_c when standing; None: the walking gain, but at most 3",
+        "1/s",
+        "[0, inf)",
+    )
 
     def __post_init__(self) -> None:
         """Store pairs; refuse what is not one or two gains."""
-        for name in ("zmp", "com", "standing_zmp", "standing_com"):
-            value = getattr(self, name)
-            if value is not None or not name.startswith("standing"):
-                object.__setattr__(self, name, _pair(f"gains.{name}", value))
+        check_settings(self)
 
     @property
     def walking(self) -> tuple[Pair, Pair]:
@@ -95,7 +85,7 @@ class Gains:
                 `Reference.walking` changes smoothly, and so do the gains.
 
         Returns:
-            k_p (x, y) and k_c (x, y) [1/s].
+            k_p (x, y) and k_c (x, y).
 
         Example:
             >>> Gains(standing_zmp=(1.0, 1.0)).blend(0.5)[0]

@@ -9,8 +9,8 @@ from enum import StrEnum
 import numpy as np
 
 from ..compiled import Record, kernel, records
-from ..errors import checked_number
 from ..pattern import Phase, Reference
+from ..settings import check_settings, setting
 
 
 class End(StrEnum):
@@ -56,15 +56,20 @@ class Outcome:
 class Watch:
     """When a walk counts as a fall."""
 
-    tilt: float = 0.5
-    """Tilt of the trunk [rad], in (0, pi]."""
-    com_error: float = 0.3
-    """Horizontal distance of the CoM from its reference [m], > 0."""
-    least_load: float = 0.1
-    """Ground force, as a share of the largest so far, under which the robot is in the
-    air or lies, in (0, 1)."""
-    patience: float = 0.2
-    """How long the ground force may be missing [s], > 0."""
+    tilt: float = setting(0.5, "Tilt of the trunk", "rad", "(0, 3.15]")
+    com_error: float = setting(
+        0.3, "Horizontal distance of the CoM from its reference", "m", "(0, 10]"
+    )
+    least_load: float = setting(
+        0.1,
+        "Ground force, as a share of the largest so far, under which the robot is in "
+        "the air or lies",
+        "",
+        "(0, 1]",
+    )
+    patience: float = setting(
+        0.2, "How long the ground force may be missing", "s", "(0, 10]"
+    )
 
     def __post_init__(self) -> None:
         """Check the ranges.
@@ -72,10 +77,7 @@ class Watch:
         Raises:
             ParameterError: If a value is out of range.
         """
-        for name, high in (("tilt", math.pi), ("com_error", 10), ("least_load", 1)):
-            value = getattr(self, name)
-            checked_number(f"watch.{name}", value, low=0, high=high, open_low=True)
-        checked_number("watch.patience", self.patience, low=0, high=10, open_low=True)
+        check_settings(self)
 
 
 def _end(end: End, reference: Reference, cause: str) -> Outcome:

@@ -24,6 +24,7 @@ import numpy as np
 from ..compiled import Record, kernel, records
 from ..errors import ParameterError, checked_number
 from ..pattern import REFERENCE
+from ..settings import check_settings, setting
 from .filters import low_pass_coefficient
 from .gains import PAPER_GAINS, Gains, Pair
 
@@ -102,30 +103,34 @@ class ControlSettings:
         ParameterError: If a number is out of range.
     """
 
-    zmp_cutoff: float | None = 4.0
-    """Cut-off of the ZMP low-pass filter [Hz], above 0; None for no filter."""
+    zmp_cutoff: float | None = setting(
+        4.0, "Cut-off of the ZMP low-pass filter; None for no filter", "Hz", "(0, inf]"
+    )
 
-    delay: int = 0
-    """Delay of the measurements, which the reference is matched to [ticks], 0 to 1000.
-    """
+    delay: int = setting(
+        0,
+        "Delay of the measurements, which the reference is matched to",
+        "ticks",
+        "[0, 1000]",
+    )
 
-    max_correction: float = 0.5
-    """Bound on the length of u minus the reference CoM velocity [m/s], above 0."""
+    max_correction: float = setting(
+        0.5,
+        "Bound on the length of u minus the reference CoM velocity",
+        "m/s",
+        "(0, inf)",
+    )
 
-    max_offset: float = 0.10
-    """Bound on the distance of the CoM command from the reference CoM [m], above 0."""
+    max_offset: float = setting(
+        0.10,
+        "Bound on the distance of the CoM command from the reference CoM",
+        "m",
+        "(0, inf)",
+    )
 
     def __post_init__(self) -> None:
         """Refuse numbers out of range."""
-        if self.zmp_cutoff is not None and self.zmp_cutoff != math.inf:
-            name = "zmp_cutoff"
-            checked_number(name, self.zmp_cutoff, unit="Hz", low=0.0, open_low=True)
-        delay = checked_number("delay", self.delay, unit="ticks", low=0, high=1000)
-        if delay != int(delay):
-            raise ParameterError(f"delay must be whole ticks, got {delay:g}")
-        for name, unit in (("max_correction", "m/s"), ("max_offset", "m")):
-            value = getattr(self, name)
-            checked_number(name, value, unit=unit, low=0.0, open_low=True)
+        check_settings(self)
 
 
 class ControlReference(Protocol):

@@ -12,7 +12,6 @@ if TYPE_CHECKING:
     from .footsteps import Footstep as Footstep
     from .footsteps import FootstepPlan as FootstepPlan
     from .footsteps import Gait as Gait
-    from .footsteps import checked_count as checked_count
     from .footsteps import foot_poses as foot_poses
     from .online import OnlinePattern as OnlinePattern
     from .pendulum import PAPER_PENDULUM as PAPER_PENDULUM

@@ -8,14 +8,14 @@ A foot's pose is that of the centre of its sole; the left foot is on +y.
 from __future__ import annotations
 
 import math
-import numbers
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal, get_args
+from typing import Literal
 
 import numpy as np
 
-from ..errors import ParameterError, PlanError, checked_number, nearest
+from ..errors import ParameterError, PlanError, checked_count, checked_number
+from ..settings import check_settings, setting, settings_of
 from ..sides import Side
 from .placement import (
     _ROUNDING,
@@ -55,89 +55,7 @@ def shortest_turn(start: float, end: float) -> float:
     return math.remainder(end - start, math.tau)
 
 
-_GAIT_LIMITS = {
-    "period": ("s", 0.3, 10.0),
-    "transfer_time": ("s", 0.005, 5.0),
-    "half_step": ("m", -0.2, 0.2),
-    "half_width": ("m", 0.02, 0.4),
-    "swing_height": ("m", 0.0, 0.3),
-    "start_time": ("s", 0.2, 10.0),
-    "stop_time": ("s", 0.2, 10.0),
-    "stand_time": ("s", 0.0, 3600.0),
-    "lateral": ("m", -0.2, 0.2),
-    "turn": ("rad", -0.8, 0.8),
-}
-_STEP_LIMITS = {
-    "x": ("m", -1e5, 1e5),
-    "y": ("m", -1e5, 1e5),
-    "yaw": ("rad", -1e6, 1e6),
-    "single_support": ("s", 0.05, 10.0),
-    "double_support": ("s", 1e-3, 10.0),
-    "swing_height": ("m", 0.0, 0.3),
-}
-_STAND_LIMITS = ("s", 0.0, 3600.0)
 _MIN_SINGLE_SUPPORT = 0.1
-
-
-def checked_count(name: str, value: object, low: int, high: int) -> int:
-    """Return a whole number inside its range.
-
-    Args:
-        name: What the number is called where the user wrote it.
-        value: The number, an int or a numpy integer.
-        low: Smallest value allowed.
-        high: Largest value allowed.
-
-    Returns:
-        The number as an int.
-
-    Raises:
-        ParameterError: If it is not a whole number in [low, high].
-    """
-    whole = isinstance(value, numbers.Integral) and not isinstance(value, bool)
-    if not whole or not low <= int(value) <= high:  # type: ignore[call-overload]
-        raise ParameterError(
-            f"{name} must be a whole number in [{low}, {high}], got {value!r}"
-        )
-    return int(value)  # type: ignore[call-overload]
-
-
-def _check_fields(
-    owner: object, limits: Mapping[str, tuple[str, float, float]]
-) -> None:
-    """Check fields of a frozen dataclass against their ranges and store floats."""
-    for name, (unit, low, high) in limits.items():
-        value = getattr(owner, name)
-        x = checked_number(name, value, unit=unit, low=low, high=high)
-        object.__setattr__(owner, name, x)
-
-
-def _check_style(style: object) -> None:
-    """Refuse an unknown style of double support."""
-    known = get_args(DoubleSupport)
-    if style not in known:
-        hint = nearest(str(style), known)
-        raise ParameterError(
-            f'double_support must be "paper" or "minjerk", got {style!r}; {hint}'
-        )
-
-
-def _checked_side(side: object) -> Side:
-    if side not in tuple(Side):
-        hint = nearest(str(side), tuple(Side))
-        raise ParameterError(f'side must be "left" or "right", got {side!r}; {hint}')
-    return Side(side)
-
-
-def _checked_sole(size: object) -> tuple[float, float]:
-    """Return the length and width of a sole as floats."""
-    if not isinstance(size, Sequence | np.ndarray) or len(size) != 2:
-        raise ParameterError(f"sole_size must be (length, width) in m, got {size!r}")
-    length, width = (
-        checked_number(f"sole_size ({name})", value, unit="m", low=0.01, high=1.0)
-        for name, value in zip(("length", "width"), size, strict=True)
-    )
-    return length, width
 
 
 def _checked_steps(steps: object) -> tuple[Footstep, ...]:
@@ -194,46 +112,64 @@ class Gait:
         0.8
     """
 
-    period: float = 1.0
-    """Time of one step, T [s], in [0.3, 10]."""
+    period: float = setting(1.0, "Time of one step, T", "s", "[0.3, 10]")
 
-    transfer_time: float = 0.1
-    """Half of the double support, t_d [s], in [0.005, T/2 - 0.05]."""
+    transfer_time: float = setting(
+        0.1, "Half of the double support, t_d, at most T/2 - 0.05", "s", "[0.005, 5]"
+    )
 
-    half_step: float = 0.1
-    """Half of the distance between footprints, B [m], in [-0.2, 0.2]; negative walks
-    backward, 0 marches in place."""
+    half_step: float = setting(
+        0.1,
+        "Half of the distance between footprints, B; negative walks backward, 0 "
+        "marches in place",
+        "m",
+        "[-0.2, 0.2]",
+    )
 
-    half_width: float = 0.09
-    """Half of the distance between both feet, A [m], in [0.02, 0.4]."""
+    half_width: float = setting(
+        0.09, "Half of the distance between both feet, A", "m", "[0.02, 0.4]"
+    )
 
-    swing_height: float = 0.04
-    """Clearance of the swing foot in mid-swing [m], in [0, 0.3]."""
+    swing_height: float = setting(
+        0.04, "Clearance of the swing foot in mid-swing", "m", "[0, 0.3]"
+    )
 
-    start_time: float = 1.0
-    """Time from standing still to the first double support [s], in [0.2, 10]."""
+    start_time: float = setting(
+        1.0, "Time from standing still to the first double support", "s", "[0.2, 10]"
+    )
 
-    stop_time: float = 1.0
-    """Time from the last double support to standing still [s], in [0.2, 10]."""
+    stop_time: float = setting(
+        1.0, "Time from the last double support to standing still", "s", "[0.2, 10]"
+    )
 
-    stand_time: float = 0.5
-    """Time of standing still before the start and after the stop [s], in [0, 3600]."""
+    stand_time: float = setting(
+        0.5,
+        "Time of standing still before the start and after the stop",
+        "s",
+        "[0, 3600]",
+    )
 
-    double_support: DoubleSupport = "paper"
-    """ZMP in double support: "paper" (linear with the CoM, jumps when a foot lifts or
-    lands) or "minjerk" (smooth between the feet)."""
+    double_support: DoubleSupport = setting(
+        "paper",
+        'ZMP in double support: "paper" (linear with the CoM, jumps when a foot lifts '
+        'or lands) or "minjerk" (smooth between the feet)',
+    )
 
-    lateral: float = 0.0
-    """Sideways shift of the body per step, left positive [m], in [-0.2, 0.2]; every
-    second step is wide, so that the feet never meet."""
+    lateral: float = setting(
+        0.0,
+        "Sideways shift of the body per step, left positive; every second step is "
+        "wide, so that the feet never meet",
+        "m",
+        "[-0.2, 0.2]",
+    )
 
-    turn: float = 0.0
-    """Turn of the body per step, left positive [rad], in [-0.8, 0.8]."""
+    turn: float = setting(
+        0.0, "Turn of the body per step, left positive", "rad", "[-0.8, 0.8]"
+    )
 
     def __post_init__(self) -> None:
         """Check the ranges; store floats."""
-        _check_fields(self, _GAIT_LIMITS)
-        _check_style(self.double_support)
+        check_settings(self)
         checked_number(
             "transfer_time",
             self.transfer_time,
@@ -253,6 +189,16 @@ class Gait:
         """Duration of double support, 2 t_d [s]."""
         return 2 * self.transfer_time
 
+    @property
+    def step_length(self) -> float:
+        """Distance between footprints, 2 B [m]."""
+        return 2.0 * self.half_step
+
+    @property
+    def speed(self) -> float:
+        """Forward speed, 2 B / T [m/s]."""
+        return self.step_length / self.period
+
 
 PAPER_GAIT = Gait()
 """The walk of the paper's experiment: 0.2 m per step of 1 s."""
@@ -266,37 +212,37 @@ class Footstep:
         ParameterError: If a number is not finite or out of its range.
     """
 
-    side: Side
-    """The foot that swings."""
+    side: Side = setting(..., "The foot that swings")
 
-    x: float
-    """Where the centre of its sole lands [m], world."""
+    x: float = setting(
+        ..., "Where the centre of its sole lands, world", "m", "[-1e5, 1e5]"
+    )
 
-    y: float
-    """Where the centre of its sole lands [m], world."""
+    y: float = setting(
+        ..., "Where the centre of its sole lands, world", "m", "[-1e5, 1e5]"
+    )
 
-    yaw: float = 0.0
-    """Heading of the landed foot [rad], world."""
+    yaw: float = setting(0.0, "Heading of the landed foot, world", "rad", "[-1e6, 1e6]")
 
-    single_support: float = 0.8
-    """Duration of the swing [s], in [0.05, 10]."""
+    single_support: float = setting(0.8, "Duration of the swing", "s", "[0.05, 10]")
 
-    double_support: float = 0.2
-    """Duration of the transfer just before the swing [s], in [0.001, 10]."""
+    double_support: float = setting(
+        0.2, "Duration of the transfer just before the swing", "s", "[0.001, 10]"
+    )
 
-    swing_height: float = 0.04
-    """Clearance in mid-swing [m], in [0, 0.3]."""
+    swing_height: float = setting(0.04, "Clearance in mid-swing", "m", "[0, 0.3]")
 
-    stand: float | None = None
-    """Time to stand still after this step, before the next one starts from rest [s], in
-    [0, 3600]; None to walk on."""
+    stand: float | None = setting(
+        None,
+        "Time to stand still after this step, before the next one starts from rest; "
+        "None to walk on",
+        "s",
+        "[0, 3600]",
+    )
 
     def __post_init__(self) -> None:
         """Check the ranges; store floats and a `Side`."""
-        object.__setattr__(self, "side", _checked_side(self.side))
-        _check_fields(self, _STEP_LIMITS)
-        if self.stand is not None:
-            _check_fields(self, {"stand": _STAND_LIMITS})
+        check_settings(self)
 
     @property
     def foothold(self) -> Foothold:
@@ -323,31 +269,40 @@ class FootstepPlan:
     steps: tuple[Footstep, ...] = ()
     """The steps in order, at most 100000; none means to stand."""
 
-    start_time: float = 1.0
-    """Time from standing still to the first double support [s], in [0.2, 10]."""
+    start_time: float = setting(
+        1.0, "Time from standing still to the first double support", "s", "[0.2, 10]"
+    )
 
-    stop_time: float = 1.0
-    """Time from the last double support to standing still [s], in [0.2, 10]."""
+    stop_time: float = setting(
+        1.0, "Time from the last double support to standing still", "s", "[0.2, 10]"
+    )
 
-    stand_time: float = 0.5
-    """Time of standing still before the start and after the stop [s], in [0, 3600]."""
+    stand_time: float = setting(
+        0.5,
+        "Time of standing still before the start and after the stop",
+        "s",
+        "[0, 3600]",
+    )
 
-    double_support: DoubleSupport = "paper"
-    """ZMP in double support: "paper" or "minjerk", as in `Gait`."""
+    double_support: DoubleSupport = setting(
+        "paper", "ZMP in double support, as in `Gait`"
+    )
 
     closing: int = 0
     """How many of the last steps only bring the feet together: 0 or 1."""
 
-    sole_size: tuple[float, float] = PAPER_SOLE
-    """Length and width of each sole [m], each in [0.01, 1]."""
+    sole_size: tuple[float, float] = setting(
+        PAPER_SOLE,
+        "Length and width of each sole",
+        "m",
+        "[0.01, 1]",
+        items=("length", "width"),
+    )
 
     def __post_init__(self) -> None:
         """Check times, then the geometry of every step."""
         object.__setattr__(self, "steps", _checked_steps(self.steps))
-        times = {k: _GAIT_LIMITS[k] for k in ("start_time", "stop_time", "stand_time")}
-        _check_fields(self, times)
-        _check_style(self.double_support)
-        object.__setattr__(self, "sole_size", _checked_sole(self.sole_size))
+        check_settings(self)
         high = min(1, len(self.steps))
         object.__setattr__(
             self, "closing", checked_count("closing", self.closing, 0, high)
@@ -381,12 +336,6 @@ def foot_poses(plan: FootstepPlan) -> np.ndarray:
     return np.array(poses, dtype=float)
 
 
-# Variations of a plan.
-
-
-# Checks of the geometry.
-
-
 def _check_stand(plan: FootstepPlan) -> None:
     """Check the two footholds at the start."""
     for side in Side:
@@ -394,24 +343,18 @@ def _check_stand(plan: FootstepPlan) -> None:
         if not isinstance(foothold, Foothold):
             raise ParameterError(f"{side} must be a Foothold, got {foothold!r}")
         for name in ("x", "y", "yaw"):
-            unit, low, high = _STEP_LIMITS[name]
-            value = getattr(foothold, name)
-            checked_number(f"{side}.{name}", value, unit=unit, low=low, high=high)
+            settings_of(Footstep)[name].checked(
+                f"{side}.{name}", getattr(foothold, name)
+            )
     left, right = (np.array([_row(f)], dtype=float) for f in (plan.left, plan.right))
     where = "the feet at the start"
     _refuse(_placement_faults(left, right, np.ones(1)), [where])
     _refuse([_overlap_fault(_sole_gap(right, left, plan.sole_size))], [where])
 
 
-# Regular walks.
-
-
 def _row(foothold: Foothold) -> tuple[float, float, float]:
     """Return x [m], y [m], yaw [rad]."""
     return foothold.x, foothold.y, foothold.yaw
-
-
-# Plans in files.
 
 
 def _check_geometry(plan: FootstepPlan) -> None:

@@ -27,7 +27,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ..errors import ParameterError, PlanError, checked_number
+from ..errors import ParameterError, PlanError, checked_count, checked_number
 from ..sides import Side
 from . import phases as p
 from . import records as r
@@ -38,7 +38,6 @@ from .footsteps import (
     Footstep,
     FootstepPlan,
     Gait,
-    checked_count,
 )
 from .pendulum import PAPER_PENDULUM, Pendulum
 from .phases import MIN_MINJERK
@@ -323,7 +322,7 @@ class OnlinePattern:
             )
         way = gait.lateral or gait.turn
         self._command[_LENGTH : _STOP + 1] = (
-            *(2.0 * gait.half_step, gait.lateral, gait.turn, gait.half_width),
+            *(gait.step_length, gait.lateral, gait.turn, gait.half_width),
             *(gait.single_support_time, gait.double_support_time, gait.swing_height),
             *(gait.start_time, gait.stop_time),
         )

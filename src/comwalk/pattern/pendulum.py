@@ -12,7 +12,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from ..errors import ParameterError, checked_number
+from ..errors import ParameterError
+from ..settings import check_settings, setting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,25 +28,27 @@ class Pendulum:
         3.778819
     """
 
-    height: float = 0.687
-    """Height of the CoM above the ground, c_z [m], in [0.05, 10]."""
+    height: float = setting(
+        0.687, "Height of the CoM above the ground, c_z", "m", "[0.05, 10]"
+    )
 
-    gravity: float = 9.81
-    """Gravitational acceleration, g [m/s^2], in [0.1, 100]."""
+    gravity: float = setting(
+        9.81, "Gravitational acceleration, g", "m/s^2", "[0.1, 100]"
+    )
 
-    inertia: float = 0.0
-    """Angular momentum about the CoM that comes with the CoM's motion, as a share of
-    m c_z times its velocity [-], in [-0.5, 2]. The paper's point mass has none; legs
-    that sway under an upright trunk make the pendulum longer by this share."""
+    inertia: float = setting(
+        0.0,
+        "Angular momentum about the CoM that comes with the CoM's motion, as a share "
+        "of m c_z times its velocity; 0 for the paper's point mass, more for legs "
+        "that sway under an upright trunk, which make the pendulum longer by this "
+        "share",
+        "",
+        "[-0.5, 2]",
+    )
 
     def __post_init__(self) -> None:
         """Check the ranges; store floats."""
-        c_z = checked_number("height", self.height, unit="m", low=0.05, high=10.0)
-        g = checked_number("gravity", self.gravity, unit="m/s^2", low=0.1, high=100.0)
-        object.__setattr__(self, "height", c_z)
-        object.__setattr__(self, "gravity", g)
-        kappa = checked_number("inertia", self.inertia, low=-0.5, high=2.0)
-        object.__setattr__(self, "inertia", kappa)
+        check_settings(self)
 
     @property
     def omega(self) -> float:

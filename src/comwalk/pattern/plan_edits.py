@@ -4,14 +4,11 @@ from __future__ import annotations
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from itertools import groupby
-from typing import Any
 
+from ..settings import settings_of
 from ..sides import Side
 from .footsteps import (
-    _GAIT_LIMITS,
-    _STEP_LIMITS,
     Foothold,
     Footstep,
     FootstepPlan,
@@ -63,16 +60,16 @@ def slowed(plan: FootstepPlan, factor: float) -> FootstepPlan:
         The plan with the same footholds.
     """
 
-    def times(owner: object, limits: Mapping[str, Any], *names: str) -> dict[str, Any]:
-        values = {name: factor * getattr(owner, name) for name in names}
-        return {n: min(max(t, limits[n][1]), limits[n][2]) for n, t in values.items()}
+    def times(owner: object, *names: str) -> dict[str, float]:
+        spans = {name: settings_of(type(owner))[name].range for name in names}
+        return {
+            name: min(max(factor * getattr(owner, name), span.low), span.high)
+            for name, span in spans.items()
+        }
 
     names = ("single_support", "double_support")
-    steps = [
-        dataclasses.replace(step, **times(step, _STEP_LIMITS, *names))
-        for step in plan.steps
-    ]
-    ends = times(plan, _GAIT_LIMITS, "start_time", "stop_time")
+    steps = [dataclasses.replace(step, **times(step, *names)) for step in plan.steps]
+    ends = times(plan, "start_time", "stop_time")
     return dataclasses.replace(plan, steps=tuple(steps), **ends)
 
 

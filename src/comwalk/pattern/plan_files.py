@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 import math
-import tomllib
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from ..errors import ParameterError, PlanError, checked_number, nearest
+from ..errors import ParameterError, PlanError, checked_count, checked_number
+from ..settings import check_keys, read_toml, settings_of
 from ..sides import Side
 from .footsteps import (
     MAX_STEPS,
@@ -19,7 +19,6 @@ from .footsteps import (
     Footstep,
     FootstepPlan,
     Gait,
-    checked_count,
 )
 from .regular_steps import _Walk, plan_segments
 
@@ -80,14 +79,11 @@ def load_plan(
             cannot be walked; the message is one line that begins with the path.
     """
     try:
-        document = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        document = read_toml(path)
+    except ParameterError as error:
+        raise PlanError(str(error)) from None
+    try:
         return _plan_of({"sole_size": sole_size, **document}, gait)
-    except OSError as error:
-        raise PlanError(f"{path}: cannot be read: {error.strerror or error}") from None
-    except UnicodeDecodeError:
-        raise PlanError(f"{path}: not a text file in UTF-8") from None
-    except tomllib.TOMLDecodeError as error:
-        raise PlanError(f"{path}: not valid TOML: {error}") from None
     except (ParameterError, PlanError) as error:
         raise PlanError(f"{path}: {error}") from None
 
@@ -95,10 +91,10 @@ def load_plan(
 _TOP_KEYS = ("first", "sole_size", "gait", "segment", "footstep", "left", "right")
 
 
-_GAIT_KEYS = (*(f.name for f in dataclasses.fields(Gait)), "turn_deg")
+_GAIT_KEYS = (*settings_of(Gait), "turn_deg")
 
 
-_STEP_KEYS = (*(f.name for f in dataclasses.fields(Footstep)), "yaw_deg")
+_STEP_KEYS = (*settings_of(Footstep), "yaw_deg")
 
 
 _POSE_KEYS = ("x", "y", "yaw", "yaw_deg")
@@ -212,9 +208,7 @@ def _table(value: object, where: str, known: Sequence[str]) -> Mapping[str, Any]
     """Return a table of TOML whose keys are all known."""
     if not isinstance(value, Mapping):
         raise PlanError(f"{where}: must be a table, got {value!r}")
-    for key in value:
-        if key not in known:
-            raise PlanError(f'{where}: unknown key "{key}"; {nearest(key, known)}')
+    _named(where, check_keys, value, known)
     return value
 
 

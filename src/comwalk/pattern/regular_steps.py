@@ -5,18 +5,16 @@ from __future__ import annotations
 import dataclasses
 from collections.abc import Sequence
 
-from ..errors import ParameterError, PlanError, checked_number
+from ..errors import ParameterError, PlanError, checked_count
+from ..settings import settings_of
 from ..sides import Side
 from .footsteps import (
-    _STAND_LIMITS,
     MAX_STEPS,
     PAPER_SOLE,
     Foothold,
     Footstep,
     FootstepPlan,
     Gait,
-    _checked_side,
-    checked_count,
 )
 
 _Walk = tuple["Gait", int]
@@ -86,7 +84,8 @@ def plan_segments(
     """
     walks = _between_pauses(_checked_segments(segments))
     begin, end = walks[0][0][0][0], walks[-1][0][-1][0]
-    side = _first_side(begin) if first is None else _checked_side(first)
+    declared = settings_of(Footstep)["side"]
+    side = _first_side(begin) if first is None else declared.checked("first", first)
     body = Foothold(0.0, 0.0)
     feet = _beside(body, begin)
     left, right, steps = feet[Side.LEFT], feet[Side.RIGHT], []
@@ -117,8 +116,7 @@ def _checked_segments(segments: _Segments) -> _Segments:
     for i, item in enumerate(segments, 1):
         name = f"segment {i}: " if len(segments) > 1 else ""
         if not isinstance(item, tuple):
-            unit, low, high = _STAND_LIMITS
-            checked_number(f"{name}stand", item, unit=unit, low=low, high=high)
+            settings_of(Footstep)["stand"].checked(f"{name}stand", item)
             continue
         gait, count = item
         if not isinstance(gait, Gait):
@@ -190,7 +188,7 @@ def _shifts(gait: Gait, count: int, side: Side) -> list[float]:
 
 def _advanced(body: Foothold, gait: Gait, shift: float) -> Foothold:
     half_turn = Foothold(0.0, 0.0, gait.turn / 2)
-    move = Foothold(2 * gait.half_step, shift)
+    move = Foothold(gait.step_length, shift)
     return body.compose(half_turn).compose(move).compose(half_turn)
 
 

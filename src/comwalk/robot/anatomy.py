@@ -97,7 +97,7 @@ def find_anatomy(
     followers = {model.joint(m.joint).id for m in mimics}
     legs, notes = _find_legs(zero, given, followers)
     faces = [find_face(zero, leg, meshes) for leg in legs]
-    forward = given.forward
+    forward = None if given.forward is None else math.radians(given.forward)
     if forward is None:
         forward = _find_forward(zero, legs, faces)
     sides = dict(zip(_sides(zero, legs, forward, given), range(2), strict=True))

@@ -8,7 +8,7 @@ turns a configuration into a `Posture` with MuJoCo's kinematics in C.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -22,7 +22,7 @@ from .anatomy import Anatomy
 from .annotated import Role, find_roles, is_marked, read_marks
 from .annotation import compile_model, couple_in_physics, coupling_of, mark
 from .kinematic_tree import Skeleton
-from .loaders import ModelFile, read_model
+from .loaders import ModelFile, profile_of_known, read_model
 from .mimic import Coupling
 from .profile import Profile, check_names, read_profile
 from .servos import Gains, set_gains, set_torque
@@ -39,7 +39,15 @@ _ENDS = {
     "right_arm": ("r_gripper", "r_wrist"),
     "head": ("gaze",),
 }
-_BY_MARKED = ("home", "limits", "servo")  # what marked models take of a profile
+_BY_MARKED = (
+    "home",
+    "limits",
+    "servo",
+    "gait",
+    "gains",
+    "control",
+    "pendulum",
+)  # what marked models take of a profile
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,6 +108,10 @@ class Robot:
     """Torque limits [N m], inf where the model gives none, of shape (joints,)."""
     home: np.ndarray
     """Configuration in the walking posture, MuJoCo's qpos, of shape (7 + joints,)."""
+    com_height: float
+    """Height of the CoM above the soles in the walking posture [m]."""
+    stance_width: float
+    """Distance of the soles' centres in the walking posture [m]."""
     anatomy: Anatomy
     """Its parts, and what was found out about them."""
     roles: dict[str, Role]
@@ -108,6 +120,8 @@ class Robot:
     """What was repaired, assumed or left out, a line each."""
     coupling: Coupling | None = None
     """Joints that follow others, None if none does."""
+    profile: Profile = field(default_factory=Profile)
+    """What its profile says, and what it walks with by default."""
 
     @property
     def mass(self) -> float:
@@ -128,6 +142,13 @@ class Robot:
     def imu_site(self) -> int:
         """Site of the IMU, on the trunk."""
         return int(self.model.site("imu").id)
+
+    @property
+    def sole_size(self) -> tuple[float, float]:
+        """Length and width [m] of the larger sole about its centre."""
+        extents = [2.0 * np.abs(foot.sole).max(axis=0) for foot in self.feet.values()]
+        length, width = np.max(extents, axis=0).round(9).tolist()
+        return length, width
 
     @property
     def home_angles(self) -> dict[str, float]:
@@ -177,7 +198,8 @@ def load_robot(
     factor = checked_number(
         "stiffness", stiffness, low=0, high=100, open_low=True, hint="1 is the default"
     )
-    told = read_profile(profile)
+    own = read_profile(profile_of_known(source))
+    told = read_profile(profile).over(own)
     file = read_model(source, geometry=geometry)
     joints = [j.name for j in file.spec.joints if j.type != mujoco.mjtJoint.mjJNT_FREE]
     check_names(told, joints, [body.name for body in file.spec.bodies[1:]])
@@ -188,7 +210,7 @@ def load_robot(
         actuator.gainprm[0] *= factor
         actuator.biasprm[1] *= factor
         actuator.biasprm[2] *= factor
-    return _robot_of(file, anatomy, told if marked else Profile())
+    return _robot_of(file, anatomy, told)
 
 
 def _set_limits(file: ModelFile, profile: Profile) -> None:
@@ -247,7 +269,10 @@ def _robot_of(file: ModelFile, anatomy: Anatomy, profile: Profile) -> Robot:
     model, path = compile_model(file.spec, f"robot {file.path}"), file.path
     joints = tuple(model.joint(i).name for i in range(1, model.njnt))
     limbs, ends = _find_limbs(model, anatomy)
-    home, servo = _home(model, path, profile), _read_servo(model, joints, path)
+    home = _home(model, path, profile if anatomy.marked else Profile())
+    servo = _read_servo(model, joints, path)
+    feet = {side: _read_foot(model, side, anatomy) for side in Side}
+    com_height, stance_width = _stance(model, home, feet)
     ranges = np.where(
         model.jnt_limited[1:, None] > 0, model.jnt_range[1:], [[-np.inf, np.inf]]
     )
@@ -263,18 +288,35 @@ def _robot_of(file: ModelFile, anatomy: Anatomy, profile: Profile) -> Robot:
         joints=joints,
         limbs=limbs,
         ends=ends,
-        feet={side: _read_foot(model, side, anatomy) for side in Side},
+        feet=feet,
         servo=servo,
         lower=limits[0],
         upper=limits[1],
         speed=limits[2],
         torque=_torque_limits(model, servo),
         home=home,
+        com_height=com_height,
+        stance_width=stance_width,
         anatomy=anatomy,
         roles=find_roles(model, home, anatomy),
         notes=(*file.notes, *anatomy.notes),
         coupling=coupling,
+        profile=profile,
     )
+
+
+def _stance(
+    model: mujoco.MjModel, home: np.ndarray, feet: Mapping[Side, Foot]
+) -> tuple[float, float]:
+    """Return CoM height and distance of the soles in the walking posture [m]."""
+    data = mujoco.MjData(model)
+    data.qpos[:] = home
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    left, right = (data.site_xpos[feet[side].site] for side in Side)
+    com = data.subtree_com[int(model.jnt_bodyid[0])]
+    width = float(np.hypot(*(left - right)[:2]))
+    return float(com[2] - 0.5 * (left[2] + right[2])), width
 
 
 def _read_foot(model: mujoco.MjModel, side: Side, anatomy: Anatomy) -> Foot:

@@ -7,15 +7,16 @@ be written that says all of it. Angles are in rad, but `forward` is in degrees.
 from __future__ import annotations
 
 import json
-import math
 import re
-import tomllib
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from ..errors import ParameterError, RunError, checked_number, nearest
+from ..control import ControlSettings, Gains
+from ..errors import ParameterError, RunError, nearest
+from ..pattern import Gait, Pendulum
+from ..settings import Given, check_settings, decode, read_toml, setting, table_of
 from ..sides import Side
 
 
@@ -23,68 +24,168 @@ from ..sides import Side
 class Stance:
     """How a robot is to stand; what is None is found."""
 
-    bend: float | None = None
-    """How far the legs stay from their singular posture, as `posture.BEND` [rad]."""
-    com_height: float | None = None
-    """Height of the CoM above the soles [m], instead of a bend."""
-    half_width: float | None = None
-    """Half of the distance between the soles' centres [m]."""
+    bend: float | None = setting(
+        None,
+        "How far the legs stay from their singular posture, as `posture.BEND`",
+        "rad",
+        "[0.01, 1]",
+    )
+    com_height: float | None = setting(
+        None, "Height of the CoM above the soles, instead of a bend", "m", "[1e-3, 10]"
+    )
+    half_width: float | None = setting(
+        None, "Half of the distance between the soles' centres", "m", "[1e-3, 10]"
+    )
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            ParameterError: If one is out of range, or two say the same.
+        """
+        check_settings(self)
+        if self.bend is not None and self.com_height is not None:
+            raise ParameterError("bend or com_height can be given, not both")
+
+
+@dataclass(frozen=True, kw_only=True)
+class SoleNumbers:
+    """Numbers of one sole; what is None is found."""
+
+    length: float | None = setting(None, "Length", "m", "[1e-3, 10]")
+    width: float | None = setting(None, "Width", "m", "[1e-3, 10]")
+    x: float | None = setting(
+        None, "Centre, seen from the leg's last joint, forward", "m", "[-10, 10]"
+    )
+    y: float | None = setting(
+        None, "Centre, seen from the leg's last joint, to the left", "m", "[-10, 10]"
+    )
+    height: float | None = setting(
+        None, "Height of the leg's last joint above the sole", "m", "[-10, 10]"
+    )
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            ParameterError: If one is out of range.
+        """
+        check_settings(self)
 
 
 @dataclass(frozen=True)
 class ServoGains:
     """Gains of one joint's position servo; what is None is designed."""
 
-    stiffness: float | None = None
-    """Position gain [N m/rad], of a slide [N/m]."""
-    damping: float | None = None
-    """Velocity gain [N m s/rad], of a slide [N s/m]."""
+    stiffness: float | None = setting(
+        None, "Position gain, of a slide in N/m", "N m/rad", "[1e-6, 1e9]"
+    )
+    damping: float | None = setting(
+        None, "Velocity gain, of a slide in N s/m", "N m s/rad", "[0, 1e9]"
+    )
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            ParameterError: If one is out of range.
+        """
+        check_settings(self)
 
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
     """Limits of one joint; what is None is the file's."""
 
-    lower: float | None = None
-    """Lower limit [rad], of a slide [m]."""
-    upper: float | None = None
-    """Upper limit [rad], of a slide [m]."""
-    speed: float | None = None
-    """Speed limit [rad/s], of a slide [m/s]."""
-    torque: float | None = None
-    """Torque limit [N m], of a slide [N]."""
+    lower: float | None = setting(
+        None, "Lower limit, of a slide in m", "rad", "[-100, 100]"
+    )
+    upper: float | None = setting(
+        None, "Upper limit, of a slide in m", "rad", "[-100, 100]"
+    )
+    speed: float | None = setting(
+        None, "Speed limit, of a slide in m/s", "rad/s", "[1e-3, 1e6]"
+    )
+    torque: float | None = setting(
+        None, "Torque limit, of a slide in N", "N m", "[1e-6, 1e9]"
+    )
+
+    def __post_init__(self) -> None:
+        """Check the values.
+
+        Raises:
+            ParameterError: If one is out of range, or the lower limit not below.
+        """
+        check_settings(self)
+        low, high = self.lower, self.upper
+        if low is not None and high is not None and low >= high:
+            raise ParameterError(
+                f"lower must be below upper, {high:.6g} rad, got {low:.6g}"
+            )
 
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
     """What is known of a robot; what is None or missing is found."""
 
-    forward: float | None = None
-    """Yaw of the forward axis in the zero posture of the file [rad]."""
-    imu: str | None = None
-    """Body that bears the IMU."""
-    torso: tuple[str, ...] | None = None
-    """Joints of the torso, from the base outwards."""
-    head: tuple[str, ...] | None = None
-    """Joints of the neck, from the base outwards."""
-    locked: tuple[str, ...] = ()
-    """Joints that are not to move."""
-    feet: Mapping[Side, str] = field(default_factory=dict)
-    """Bodies of the feet, both or none."""
-    legs: Mapping[Side, tuple[str, ...]] = field(default_factory=dict)
-    """Joints of the legs, from the base outwards, both or none."""
-    arms: Mapping[Side, tuple[str, ...]] = field(default_factory=dict)
-    """Joints of the arms, from the base outwards."""
-    soles: Mapping[Side, Mapping[str, float]] = field(default_factory=dict)
-    """Numbers of the soles [m], as `soles.make_sole` takes them."""
-    stance: Stance = field(default_factory=Stance)
-    """How the robot stands, where `home` leaves the legs' angles open."""
-    home: Mapping[str, float] = field(default_factory=dict)
-    """Angles of the walking posture [rad], by joint; locked joints stay there."""
-    servo: Mapping[str, ServoGains] = field(default_factory=dict)
-    """Gains by joint."""
-    limits: Mapping[str, Limits] = field(default_factory=dict)
-    """Limits by joint."""
+    forward: float | None = setting(
+        None,
+        "Yaw of the forward axis in the zero posture of the file",
+        "deg",
+        "[-360, 360]",
+    )
+    imu: str | None = setting(None, "Body that bears the IMU")
+    torso: tuple[str, ...] | None = setting(
+        None, "Joints of the torso, from the base outwards"
+    )
+    head: tuple[str, ...] | None = setting(
+        None, "Joints of the neck, from the base outwards"
+    )
+    locked: tuple[str, ...] = setting((), "Joints that are not to move")
+    feet: Mapping[Side, str] = setting(dict(), "Bodies of the feet, both or none")
+    legs: Mapping[Side, tuple[str, ...]] = setting(
+        dict(), "Joints of the legs, from the base outwards, both or none"
+    )
+    arms: Mapping[Side, tuple[str, ...]] = setting(
+        dict(), "Joints of the arms, from the base outwards"
+    )
+    soles: Mapping[Side, SoleNumbers] = setting(dict(), "Numbers of the soles")
+    stance: Stance = setting(
+        Stance(), "How the robot stands, where `home` leaves the legs' angles open"
+    )
+    home: Mapping[str, float] = setting(
+        dict(),
+        "Angles of the walking posture, by joint; locked joints stay there",
+        "rad",
+        "[-100, 100]",
+    )
+    servo: Mapping[str, ServoGains] = setting(dict(), "Gains by joint")
+    limits: Mapping[str, Limits] = setting(dict(), "Limits by joint")
+    gait: Given[Gait] = setting(Given(Gait), "The gait that it walks with by default")
+    gains: Given[Gains] = setting(Given(Gains), "The gains that it walks with")
+    control: Given[ControlSettings] = setting(
+        Given(ControlSettings), "Filter, delay and bounds of its controller"
+    )
+    pendulum: Given[Pendulum] = setting(Given(Pendulum), "Its simplified model")
+
+    def __post_init__(self) -> None:
+        """Check each value, and what one says against another.
+
+        Raises:
+            ParameterError: If they do not go together.
+        """
+        check_settings(self)
+        for key in ("feet", "legs"):
+            if len(getattr(self, key)) not in (0, len(Side)):
+                raise ParameterError(f"{key} needs both left and right")
+        parts = [*self.legs.values(), *self.arms.values()]
+        parts += [getattr(self, key) or () for key in ("torso", "head", "locked")]
+        named = [joint for part in parts for joint in part]
+        twice = next((joint for joint in named if named.count(joint) > 1), None)
+        if twice is not None:
+            raise ParameterError(
+                f'joint "{twice}" is named twice; a joint is in one part'
+            )
 
     @property
     def given(self) -> tuple[str, ...]:
@@ -92,6 +193,17 @@ class Profile:
         usual = Profile()
         names = [f.name for f in fields(self)]
         return tuple(n for n in names if getattr(self, n) != getattr(usual, n))
+
+    def over(self, other: Profile) -> Profile:
+        """Return another profile with what this one says in its place.
+
+        Args:
+            other: The other one.
+
+        Returns:
+            Both in one.
+        """
+        return replace(other, **{name: getattr(self, name) for name in self.given})
 
     @property
     def joints(self) -> Iterator[tuple[str, str]]:
@@ -130,161 +242,14 @@ def read_profile(source: str | Path | Mapping[str, Any] | None) -> Profile:
         >>> read_profile({"forward": 90.0, "stance": {"half_width": 0.1}}).given
         ('forward', 'stance')
     """
-    if source is None:
-        return Profile()
-    table = source if isinstance(source, Mapping) else _table_in(Path(source))
+    table = {} if source is None else source
     try:
-        values = {key: _read(key, value) for key, value in table.items()}
-        _check_together(values)
+        return decode(
+            Profile, table if isinstance(table, Mapping) else read_toml(table)
+        )
     except ParameterError as error:
-        where = "" if isinstance(source, Mapping) else f" {source}"
+        where = "" if isinstance(table, Mapping) else f" {table}"
         raise ParameterError(f"profile{where}: {error}") from None
-    return Profile(**values)
-
-
-def _table_in(path: Path) -> dict[str, Any]:
-    """Return the table in a TOML file."""
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as error:
-        raise ParameterError(f"cannot read {path}: {error.strerror}") from None
-    except ValueError as error:
-        raise ParameterError(f"{path} is not valid TOML: {error}") from None
-
-
-def _read(key: str, value: Any) -> Any:
-    if key not in _READERS:
-        raise ParameterError(f'unknown key "{key}"; {nearest(key, _READERS)}')
-    return _READERS[key](key, value)
-
-
-def _check_together(values: Mapping[str, Any]) -> None:
-    """Check what one value says against another."""
-    for key in ("feet", "legs"):
-        if len(values.get(key, Side)) != len(Side):
-            raise ParameterError(f"{key} needs both left and right")
-    stance = values.get("stance", Stance())
-    if stance.bend is not None and stance.com_height is not None:
-        raise ParameterError("stance takes bend or com_height, not both")
-    for joint, own in values.get("limits", {}).items():
-        low = -math.inf if own.lower is None else own.lower
-        high = math.inf if own.upper is None else own.upper
-        if low >= high:
-            raise ParameterError(
-                f"limits.{joint}: lower, {low:.6g}, must be below upper, {high:.6g}"
-            )
-    parts = [*values.get("legs", {}).values(), *values.get("arms", {}).values()]
-    parts += [values.get(key) or () for key in ("torso", "head", "locked")]
-    named = [joint for part in parts for joint in part]
-    twice = next((joint for joint in named if named.count(joint) > 1), None)
-    if twice is not None:
-        raise ParameterError(f'joint "{twice}" is named twice; a joint is in one part')
-
-
-Reader = Callable[[str, Any], Any]
-"""Takes where a value stands and the value, returns it checked."""
-
-
-def _text(key: str, value: Any) -> str:
-    if not isinstance(value, str) or not value:
-        raise ParameterError(f'{key} must be a name, such as "torso", got {value!r}')
-    return value
-
-
-def _names(key: str, value: Any) -> tuple[str, ...]:
-    """Return a list of names."""
-    if isinstance(value, str) or not isinstance(value, Sequence):
-        raise ParameterError(
-            f'{key} must be a list of joints, such as ["neck_yaw"], got {value!r}'
-        )
-    return tuple(_text(key, name) for name in value)
-
-
-def _table(key: str, value: Any) -> Mapping[str, Any]:
-    if not isinstance(value, Mapping):
-        raise ParameterError(f"{key} must be a table, [{key}], got {value!r}")
-    return value
-
-
-def _number(low: float, high: float, unit: str, factor: float = 1.0) -> Reader:
-    return lambda key, value: (
-        checked_number(key, value, unit=unit, low=low, high=high) * factor
-    )
-
-
-def _sides(reader: Reader) -> Reader:
-    """Return a reader of values by side; `both` stands for left and right."""
-
-    def read(key: str, value: Any) -> dict[Side, Any]:
-        found: dict[Side, Any] = {}
-        for word, part in _table(key, value).items():
-            if word not in ("left", "right", "both"):
-                known = nearest(word, ("left", "right", "both"))
-                raise ParameterError(f'{key} has no "{word}"; {known}')
-            own = reader(f"{key}.{word}", part)
-            found |= {s: own for s in (Side if word == "both" else (Side(word),))}
-        return found
-
-    return read
-
-
-def _joints(reader: Reader) -> Reader:
-    return lambda key, value: {
-        name: reader(f"{key}.{name}", part) for name, part in _table(key, value).items()
-    }
-
-
-def _record(kind: Callable[..., Any], **readers: Reader) -> Reader:
-    """Return a reader of tables with known keys."""
-
-    def read(key: str, value: Any) -> Any:
-        for word in _table(key, value):
-            if word not in readers:
-                raise ParameterError(f'{key} has no "{word}"; {nearest(word, readers)}')
-        return kind(**{w: readers[w](f"{key}.{w}", v) for w, v in value.items()})
-
-    return read
-
-
-_LENGTH, _PLACE = _number(1e-3, 10.0, "m"), _number(-10.0, 10.0, "m")
-_ANGLE = _number(-100.0, 100.0, "rad")
-
-_READERS: dict[str, Reader] = {
-    "forward": _number(-360.0, 360.0, "deg", math.pi / 180.0),
-    "imu": _text,
-    "torso": _names,
-    "head": _names,
-    "locked": _names,
-    "feet": _sides(_text),
-    "legs": _sides(_names),
-    "arms": _sides(_names),
-    "soles": _sides(
-        _record(dict, length=_LENGTH, width=_LENGTH, x=_PLACE, y=_PLACE, height=_PLACE)
-    ),
-    "stance": _record(
-        Stance,
-        bend=_number(0.01, 1.0, "rad"),
-        com_height=_LENGTH,
-        half_width=_LENGTH,
-    ),
-    "home": _joints(_ANGLE),
-    "servo": _joints(
-        _record(
-            ServoGains,
-            stiffness=_number(1e-6, 1e9, "N m/rad"),
-            damping=_number(0.0, 1e9, "N m s/rad"),
-        )
-    ),
-    "limits": _joints(
-        _record(
-            Limits,
-            lower=_ANGLE,
-            upper=_ANGLE,
-            speed=_number(1e-3, 1e6, "rad/s"),
-            torque=_number(1e-6, 1e9, "N m"),
-        )
-    ),
-}
 
 
 def check_names(profile: Profile, joints: Iterable[str], bodies: Iterable[str]) -> None:
@@ -348,12 +313,11 @@ def profile_text(profile: Profile, title: str = "") -> str:
     for key in ("forward", "imu", "torso", "head", "locked"):
         if key in profile.given:
             value = getattr(profile, key)
-            value = math.degrees(value) if key == "forward" else value
             lines.append(f"{key} = {_toml(value)}{_COMMENTS.get(key, '')}")
-    for key in ("feet", "legs", "arms", "soles", "stance", "home", "servo", "limits"):
+    for key in _TABLES:
         if key in profile.given:
             value = getattr(profile, key)
-            rows = asdict(value) if key == "stance" else value
+            rows = value if isinstance(value, Mapping) else table_of(value)
             lines += ["", f"[{key}]{_COMMENTS.get(key, '')}"]
             lines += [
                 f"{_bare(name)} = {_toml(x)}"
@@ -363,6 +327,8 @@ def profile_text(profile: Profile, title: str = "") -> str:
     return "\n".join([*lines, ""])
 
 
+_TABLES = ("feet", "legs", "arms", "soles", "stance", "home", "servo", "limits")
+_TABLES += ("gait", "gains", "control", "pendulum")
 _COMMENTS = {
     "forward": "  # yaw of the forward axis in the file's zero posture, deg",
     "locked": "  # joints that do not move",
@@ -381,12 +347,12 @@ def _bare(name: str) -> str:
 
 def _toml(value: Any) -> str:
     """Return a value as TOML."""
-    if isinstance(value, (ServoGains, Limits)):
-        value = asdict(value)
+    if isinstance(value, (ServoGains, Limits, SoleNumbers)):
+        value = table_of(value)
     if isinstance(value, Mapping):
         parts = [f"{_bare(k)} = {_toml(v)}" for k, v in value.items() if v is not None]
         return "{ " + ", ".join(parts) + " }"
-    if isinstance(value, tuple):
+    if isinstance(value, (tuple, list)):
         return "[" + ", ".join(_toml(part) for part in value) + "]"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False)

@@ -7,7 +7,7 @@ sole of usual proportions.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -16,8 +16,10 @@ import numpy as np
 from ..embedding import rotation_yaw
 from ..errors import ModelError
 from ..pattern import convex_hull, rectangle, rectangle_in
+from ..settings import table_of
 from .kinematic_tree import Skeleton
 from .loaders import LinkMesh, mesh_vertices
+from .profile import SoleNumbers
 
 Box = tuple[float, float, float, float]
 """Centre x, y and length and width of a contact box [m], in the plane of the sole."""
@@ -231,7 +233,7 @@ def make_sole(
     leg: Sequence[int],
     face: Face,
     forward: float,
-    given: Mapping[str, float] | None = None,
+    given: SoleNumbers | None = None,
 ) -> Sole:
     """Return the sole of a foot.
 
@@ -240,15 +242,14 @@ def make_sole(
         leg: Joints of the leg.
         face: What the foot stands on.
         forward: Yaw of the forward axis [rad].
-        given: What is known of it [m]: `length`, `width`, the place `x`, `y` of its
-            centre seen from the leg's last joint, the `height` of that joint over it.
+        given: What is known of it.
 
     Returns:
         The sole, in the frame of its foot's body; the one that was found, if what is
         given does not differ.
     """
     sole = _found_sole(zero, leg, face, forward)
-    wanted = sole_numbers(sole) | dict(given or {})
+    wanted = sole_numbers(sole) | table_of(given or SoleNumbers())
     near = (abs(wanted[k] - v) < _SAME for k, v in sole_numbers(sole).items())
     if all(near):
         return sole
@@ -274,7 +275,7 @@ def sole_numbers(sole: Sole) -> dict[str, float]:
         sole: The sole.
 
     Returns:
-        `length`, `width`, `x`, `y` and `height` [m], as in `make_sole`.
+        `length`, `width`, `x`, `y` and `height` [m], as in `SoleNumbers`.
     """
     (length, width), (x, y, height) = sole.size, sole.ankle
     return {"length": length, "width": width, "x": -x, "y": -y, "height": height}

@@ -22,6 +22,7 @@ from ..embedding import yaw_of_quaternion
 from ..errors import RunError, checked_number, one_line
 from ..pattern import Phase, convex_hull
 from ..runs import RunData
+from ..settings import check_settings, setting
 from ..sides import Side
 from .gl import no_opengl, open_context
 from .recording import highest_box, recording_of, sole_box
@@ -32,23 +33,34 @@ from .video import FILMS, check_film, mp4_writer
 class View:
     """From where, how large and how finely a picture is taken."""
 
-    width: int = 640
-    """Width [pixel], in [16, 4096]."""
-    height: int = 480
-    """Height [pixel], in [16, 4096]."""
-    azimuth: float = math.radians(38.0)
-    """Where the camera stands, seen from the robot's front, left positive [rad]."""
-    elevation: float = math.radians(18.0)
-    """How far the camera stands above the horizon [rad], in (-pi/2, pi/2)."""
-    distance: float = 1.75
-    """Distance of the camera, in heights of the robot [-], in [0.1, 100]."""
-    shadows: bool = False
-    """Whether the robot casts a shadow: nicer, and several times slower without a
-    graphics card."""
-    smooth: int = 1
-    """Pixels drawn for each one in the picture, along each side, in [1, 4]."""
-    overlays: bool = True
-    """Whether footprints and the paths of CoM and ZMP are drawn on the floor."""
+    width: int = setting(640, "Width", "pixel", "[16, 4096]")
+    height: int = setting(480, "Height", "pixel", "[16, 4096]")
+    azimuth: float = setting(
+        math.radians(38.0),
+        "Where the camera stands, seen from the robot's front, left positive",
+        "rad",
+        "(-inf, inf)",
+    )
+    elevation: float = setting(
+        math.radians(18.0),
+        "How far the camera stands above the horizon",
+        "rad",
+        "(-1.5708, 1.5708)",
+    )
+    distance: float = setting(
+        1.75, "Distance of the camera, in heights of the robot", "", "[0.1, 100]"
+    )
+    shadows: bool = setting(
+        False,
+        "Whether the robot casts a shadow: nicer, and several times slower without a "
+        "graphics card",
+    )
+    smooth: int = setting(
+        1, "Pixels drawn for each one in the picture, along each side", "", "[1, 4]"
+    )
+    overlays: bool = setting(
+        True, "Whether footprints and the paths of CoM and ZMP are drawn on the floor"
+    )
 
     def __post_init__(self) -> None:
         """Check the ranges.
@@ -56,13 +68,7 @@ class View:
         Raises:
             ParameterError: If a value is out of range.
         """
-        half = math.pi / 2
-        for name, low, high in (("width", 16, 4096), ("height", 16, 4096)):
-            checked_number(name, getattr(self, name), unit="pixel", low=low, high=high)
-        checked_number("azimuth", self.azimuth, unit="rad")
-        checked_number("elevation", self.elevation, unit="rad", low=-half, high=half)
-        checked_number("distance", self.distance, low=0.1, high=100)
-        checked_number("smooth", self.smooth, low=1, high=4)
+        check_settings(self)
 
 
 class _Print(NamedTuple):

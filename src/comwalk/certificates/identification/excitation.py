@@ -25,10 +25,10 @@ from ...pattern import (
     Pattern,
     Pendulum,
     Reference,
-    checked_count,
     make_pattern,
     minimum_jerk,
 )
+from ...settings import check_settings, setting
 
 LEAD_TIME = 1.0
 """Time of standing still before the first sweep, in which it is weighed [s]."""
@@ -44,21 +44,25 @@ _SIGNS = ((1, 1, -1, -1), (1, -1, -1, 1))  # of the taps in x and y, repeated
 class Experiment:
     """How a robot is shaken to learn how it answers."""
 
-    amplitude: float = 0.2
-    """How far the ZMP of a rigid robot would swing, as a share of the sole's half
-    size [-], in [0.01, 0.6]."""
-    sweeps: int = 4
-    """Number of sweeps that are measured, after one to get going, in [2, 100]."""
-    sweep_time: float = 5.0
-    """Time of a sweep [s], in [2, 60]."""
-    lowest: float = 0.4
-    """Lowest frequency [Hz], at least two cycles a sweep."""
-    highest: float = 16.0
-    """Highest frequency [Hz], at most a fifth of the control rate."""
-    lines: int = 24
-    """Number of frequencies of each axis, in [6, 200]."""
-    taps: int = 16
-    """Number of taps, in [4, 200]."""
+    amplitude: float = setting(
+        0.2,
+        "How far the ZMP of a rigid robot would swing, as a share of the sole's half "
+        "size",
+        "",
+        "[0.01, 0.6]",
+    )
+    sweeps: int = setting(
+        4, "Number of sweeps that are measured, after one to get going", "", "[2, 100]"
+    )
+    sweep_time: float = setting(5.0, "Time of a sweep", "s", "[2, 60]")
+    lowest: float = setting(
+        0.4, "Lowest frequency, at least two cycles a sweep", "Hz", "(0, 2]"
+    )
+    highest: float = setting(
+        16.0, "Highest frequency, at most a fifth of the control rate", "Hz", "(0, 100]"
+    )
+    lines: int = setting(24, "Number of frequencies of each axis", "", "[6, 200]")
+    taps: int = setting(16, "Number of taps", "", "[4, 200]")
 
     def __post_init__(self) -> None:
         """Check the ranges.
@@ -66,18 +70,11 @@ class Experiment:
         Raises:
             ParameterError: If a value is out of range.
         """
-        name, share = "experiment.amplitude", self.amplitude
-        checked_number(name, share, low=0.01, high=0.6)
-        checked_count("experiment.sweeps", self.sweeps, 2, 100)
-        checked_count("experiment.lines", self.lines, 6, 200)
-        checked_count("experiment.taps", self.taps, 4, 200)
-        P = checked_number(
-            "experiment.sweep_time", self.sweep_time, unit="s", low=2, high=60
-        )
-        name, f = "experiment.lowest", self.lowest
-        f = checked_number(name, f, unit="Hz", low=2.0 / P, high=2)
-        name, top = "experiment.highest", self.highest
-        checked_number(name, top, unit="Hz", low=4.0 * f, high=100)
+        check_settings(self)
+        least = 2.0 / self.sweep_time
+        checked_number("lowest", self.lowest, unit="Hz", low=least, high=2)
+        least = 4.0 * self.lowest
+        checked_number("highest", self.highest, unit="Hz", low=least, high=100)
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .sources import LinkMesh as LinkMesh
     from .sources import ModelFile as ModelFile
     from .sources import mesh_vertices as mesh_vertices
+    from .sources import profile_of_known as profile_of_known
     from .sources import read_model as read_model
 
 __getattr__, __dir__ = exports_of(__name__, __file__)

@@ -44,9 +44,22 @@ _PACKAGES = {
     "icub": ("example-robot-data", "icub_description/robots/icub.urdf"),
     "mjlab_g1": ("mjlab", "asset_zoo/robots/unitree_g1/xmls/g1.xml"),
 }
+_PROFILES = {"paper": "robots/paper.toml"}
+"""What known robots walk with, as profiles in this package."""
+
 _SUFFIXES = (".urdf", ".xml", ".mjcf", ".xacro")
 _FARTHEST, _HEAVIEST = 100.0, 1e4
 """Largest extent [m] and mass [kg] of a robot in the right units."""
+
+
+def profile_of_known(source: str | Path) -> Path | None:
+    """Return the file of a known robot's profile, None if it has none.
+
+    Args:
+        source: Its name, or anything else that `read_model` takes.
+    """
+    inside = _PROFILES.get(str(source))
+    return None if inside is None else Path(str(files("comwalk"))) / inside
 
 
 def read_model(source: str | Path, *, geometry: bool = False) -> ModelFile:

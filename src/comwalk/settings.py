@@ -12,6 +12,7 @@ import math
 import re
 import tomllib
 import types
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import MISSING, dataclass, field
 from enum import Enum
@@ -242,7 +243,7 @@ def _plain(hint: type, name: str, value: Any) -> Any:
     if not isinstance(value, hint) or value == "":
         what = "true or false" if hint is bool else "text in quotes"
         raise ParameterError(f"{name} must be {what}, got {value!r}")
-    if isinstance(value, str) and not value.isprintable():
+    if hint is str and any(unicodedata.category(c) == "Cc" for c in value):
         raise ParameterError(f"{name} must be printable text, got {value!r}")
     return value
 

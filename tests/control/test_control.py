@@ -78,12 +78,12 @@ def test_two_numbers_are_x_and_y(value):
     "bad", [-1.0, math.nan, math.inf, "3", [1, 2, 3], [], [1, "2"], True, {}, [[1, 2]]]
 )
 def test_bad_gains_are_refused(name, bad):
-    with pytest.raises(ParameterError, match=f"gains.{name}"):
+    with pytest.raises(ParameterError, match=f"^{name} "):
         gains_of(**{name: bad})
 
 
 def test_gains_of_none_are_refused():
-    with pytest.raises(ParameterError, match=r"gains\.zmp"):
+    with pytest.raises(ParameterError, match="^zmp "):
         gains_of(zmp=None)
 
 

@@ -270,8 +270,8 @@ def default_control_settings(
     usual = stated.over(usual)
     cutoff = (usual.zmp_cutoff or 0.0) * pendulum.omega / PAPER_PENDULUM.omega
     if gains == own and "zmp_cutoff" in stated.values:
-        return usual
-    if gains == own and not robot.profile.gains.values:
+        cutoff = usual.zmp_cutoff or math.inf
+    elif gains == own and not robot.profile.gains.values:
         cutoff = _designed(robot, period).zmp_cutoff
     loop = SampledLoop(period=period, delay=usual.delay + 1)
     highest = [

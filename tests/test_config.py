@@ -11,14 +11,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from robots import paper
 
-from comwalk.certificates.defaults import default_gait
+from comwalk.certificates.defaults import default_gains, default_gait
 from comwalk.config import DanceConfig, PatternConfig, WalkConfig, parse_push
 from comwalk.config_files import (
     command_line,
     make_config,
     read_table,
 )
-from comwalk.control.gains import Gains
+from comwalk.control.gains import PAPER_GAINS, Gains
 from comwalk.control.settings import Control
 from comwalk.embedding.motion_checks import prepare_motion
 from comwalk.embedding.motion_files import is_motion_file
@@ -27,6 +27,7 @@ from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.reference import Phase
 from comwalk.pattern.walk_pattern import make_pattern
+from comwalk.robot.profile import Profile
 from comwalk.settings import Given, settings_of, table_of
 from comwalk.setup import build_dance, build_walk, robot_dance
 from comwalk.sides import Side
@@ -320,7 +321,7 @@ def test_what_is_not_given_comes_from_the_robot(monkeypatch, tmp_path):
     home = WholeBody(paper(), 0.002)
     plan = FootstepPlan(left=Foothold(0, 0.12), right=Foothold(0, -0.12))
     home.start(make_pattern(plan, Pendulum(height=0.55)).at(0.0))
-    other(monkeypatch, home=home.configuration)
+    other(monkeypatch, home=home.configuration, profile=Profile())
     setup = build_walk(WalkConfig(steps=2))
     r = 0.55 / 0.687
     gait = default_gait(setup.robot)
@@ -328,7 +329,7 @@ def test_what_is_not_given_comes_from_the_robot(monkeypatch, tmp_path):
     assert setup.pattern.plan.left.y == pytest.approx(0.12)
     step = setup.pattern.plan.steps[0]
     assert step.single_support == pytest.approx(0.8 * math.sqrt(r), rel=1e-3)
-    assert setup.control.gains.zmp[0] == pytest.approx(3.0 / math.sqrt(r), rel=1e-3)
+    assert setup.control.gains == default_gains(setup.robot) != PAPER_GAINS
     assert build_dance(DanceConfig()).pattern.plan.left.y == pytest.approx(0.12)
     file = write(tmp_path / "p.toml", "[[segment]]\nsteps = 2\nhalf_step = 0.03")
     step = build_walk(WalkConfig(plan=str(file))).pattern.plan.steps[0]

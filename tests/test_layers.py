@@ -16,6 +16,7 @@ LAYERS = {
     "errors": set(),
     "sides": set(),
     "lazy": set(),
+    "settings": set(),
     "compiled": {"numba"},
     "handles": {"numba"},
     "pattern": set(),
@@ -228,6 +229,7 @@ def check_class(path: Path, node: ast.ClassDef) -> None:
             continue
         name = ast.unparse(field.target)
         told = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+        told |= ast.unparse(field.value or field.target).startswith("setting(")
         assert name.startswith("_") or told, (path, node.name, name)
 
 

@@ -243,7 +243,7 @@ def test_command_with_unstable_gains_fails(capsys):
     ("words", "message"),
     [
         (["--loop.servo-lag", "-1"], "loop.servo_lag must be"),
-        (["--loop.dead-time", "100"], "loop.dead_time must be"),
+        (["--loop.dead-time", "100"], "dead_time must be"),
         (["--loop.mode-frequency", "0"], "loop.mode_frequency must be"),
         (["--loop.mode-damping", "0"], "loop.mode_damping must be"),
         (["--loop.period", "nan"], "loop.period must be"),

@@ -209,10 +209,10 @@ def test_the_commanded_velocity_is_the_rate_of_the_commanded_place():
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        ({"amplitude": 0.9}, "experiment.amplitude"),
-        ({"sweeps": 1}, "experiment.sweeps"),
-        ({"lowest": 0.1}, "experiment.lowest"),
-        ({"highest": 1.0}, "experiment.highest"),
+        ({"amplitude": 0.9}, "amplitude"),
+        ({"sweeps": 1}, "sweeps"),
+        ({"lowest": 0.1}, "lowest"),
+        ({"highest": 1.0}, "highest"),
     ],
 )
 def test_wrong_experiments_are_refused(words, message):

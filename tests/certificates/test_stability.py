@@ -602,7 +602,7 @@ def test_bad_loop_is_refused(field, bad):
 
 
 def test_other_bad_input():
-    with pytest.raises(ParameterError, match="whole ticks"):
+    with pytest.raises(ParameterError, match="delay must be a whole number"):
         sampled.SampledLoop(delay=1.5)  # ty: ignore[invalid-argument-type]
     with pytest.raises(ParameterError, match="zmp_cutoff"):
         sampled.SampledLoop(zmp_cutoff=0.0)

@@ -384,7 +384,7 @@ def test_help_explains_every_flag_with_its_unit(capsys, monkeypatch):
         *(
             "Time of one step, T [s], in [0.3, 10]",
             "(default: the robot's; paper 3, 1.8)",
-            "Turning speed [deg/s], left positive",
+            "Turning speed, left positive [deg/s]",
             "k_p (x, y) [1/s]",
         ),
     ):

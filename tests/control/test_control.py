@@ -83,7 +83,7 @@ def test_bad_gains_are_refused(name, bad):
 
 
 def test_gains_of_none_are_refused():
-    with pytest.raises(ParameterError, match="^zmp "):
+    with pytest.raises(ParameterError, match=r"^zmp "):
         gains_of(zmp=None)
 
 

@@ -16,11 +16,11 @@ from ..robot import (
     Profile,
     Robot,
     ServoGains,
+    SoleNumbers,
     Stance,
     sole_numbers,
 )
 from ..robot.loaders import first_of
-from ..robot.profile import SoleNumbers
 from ..sides import Side
 from .defaults import default_gait, default_pendulum
 

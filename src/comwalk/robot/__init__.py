@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from .profile import Limits as Limits
     from .profile import Profile as Profile
     from .profile import ServoGains as ServoGains
+    from .profile import SoleNumbers as SoleNumbers
     from .profile import Stance as Stance
     from .profile import write_profile as write_profile
     from .self_collision import CLEARANCE as CLEARANCE

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -108,10 +109,6 @@ class Robot:
     """Torque limits [N m], inf where the model gives none, of shape (joints,)."""
     home: np.ndarray
     """Configuration in the walking posture, MuJoCo's qpos, of shape (7 + joints,)."""
-    com_height: float
-    """Height of the CoM above the soles in the walking posture [m]."""
-    stance_width: float
-    """Distance of the soles' centres in the walking posture [m]."""
     anatomy: Anatomy
     """Its parts, and what was found out about them."""
     roles: dict[str, Role]
@@ -142,6 +139,27 @@ class Robot:
     def imu_site(self) -> int:
         """Site of the IMU, on the trunk."""
         return int(self.model.site("imu").id)
+
+    @cached_property
+    def _stance(self) -> tuple[float, float]:
+        data, base = mujoco.MjData(self.model), self.base_body
+        data.qpos[:] = self.home
+        mujoco.mj_kinematics(self.model, data)
+        mujoco.mj_comPos(self.model, data)
+        left, right = (data.site_xpos[self.feet[side].site] for side in Side)
+        width = float(np.hypot(*(left - right)[:2]))
+        height = data.subtree_com[base, 2] - 0.5 * (left[2] + right[2])
+        return float(height), width
+
+    @property
+    def com_height(self) -> float:
+        """Height of the CoM above the soles in the walking posture [m]."""
+        return self._stance[0]
+
+    @property
+    def stance_width(self) -> float:
+        """Distance of the soles' centres in the walking posture [m]."""
+        return self._stance[1]
 
     @property
     def sole_size(self) -> tuple[float, float]:
@@ -271,8 +289,6 @@ def _robot_of(file: ModelFile, anatomy: Anatomy, profile: Profile) -> Robot:
     limbs, ends = _find_limbs(model, anatomy)
     home = _home(model, path, profile if anatomy.marked else Profile())
     servo = _read_servo(model, joints, path)
-    feet = {side: _read_foot(model, side, anatomy) for side in Side}
-    com_height, stance_width = _stance(model, home, feet)
     ranges = np.where(
         model.jnt_limited[1:, None] > 0, model.jnt_range[1:], [[-np.inf, np.inf]]
     )
@@ -288,35 +304,19 @@ def _robot_of(file: ModelFile, anatomy: Anatomy, profile: Profile) -> Robot:
         joints=joints,
         limbs=limbs,
         ends=ends,
-        feet=feet,
+        feet={side: _read_foot(model, side, anatomy) for side in Side},
         servo=servo,
         lower=limits[0],
         upper=limits[1],
         speed=limits[2],
         torque=_torque_limits(model, servo),
         home=home,
-        com_height=com_height,
-        stance_width=stance_width,
         anatomy=anatomy,
         roles=find_roles(model, home, anatomy),
         notes=(*file.notes, *anatomy.notes),
         coupling=coupling,
         profile=profile,
     )
-
-
-def _stance(
-    model: mujoco.MjModel, home: np.ndarray, feet: Mapping[Side, Foot]
-) -> tuple[float, float]:
-    """Return CoM height and distance of the soles in the walking posture [m]."""
-    data = mujoco.MjData(model)
-    data.qpos[:] = home
-    mujoco.mj_kinematics(model, data)
-    mujoco.mj_comPos(model, data)
-    left, right = (data.site_xpos[feet[side].site] for side in Side)
-    com = data.subtree_com[int(model.jnt_bodyid[0])]
-    width = float(np.hypot(*(left - right)[:2]))
-    return float(com[2] - 0.5 * (left[2] + right[2])), width
 
 
 def _read_foot(model: mujoco.MjModel, side: Side, anatomy: Anatomy) -> Foot:

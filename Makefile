@@ -12,6 +12,7 @@ test:
 	$(PYTHON) -m pytest
 
 docs:
+	$(PYTHON) docs/make_settings.py
 	$(PYTHON) docs/make_images.py
 	$(PYTHON) docs/make_view_image.py
 	$(PYTHON) docs/make_results.py

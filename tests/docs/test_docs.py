@@ -270,3 +270,9 @@ def test_pictures_show_the_figures_of_the_readme():
     with Image.open(images / "fig7.png") as picture:
         title = picture.text["Title"]
     assert f"CoM (true) {com[0]}, {com[1]} mm;  ZMP {zmp[0]}, {zmp[1]} mm" in title
+
+
+def test_the_page_of_settings_is_what_the_code_declares():
+    """`python docs/make_settings.py` writes it."""
+    made = runpy.run_path(str(ROOT / "docs" / "make_settings.py"))
+    assert made["PAGE"].read_text(encoding="utf-8") == made["page"]()

@@ -219,5 +219,5 @@ def test_truth_is_free_of_noise_and_latency():
     ],
 )
 def test_settings_out_of_range_are_refused_by_name(name, value):
-    with pytest.raises(ParameterError, match=f"simulator.{name} must be"):
+    with pytest.raises(ParameterError, match=f"^{name} must be"):
         SimulatorSettings(**{name: value})

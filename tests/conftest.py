@@ -29,7 +29,7 @@ def no_socket_left(request: pytest.FixtureRequest) -> Iterator[None]:
 _SLOW = {
     *("test_bench", "test_browser", "test_cli", "test_compiled", "test_defaults"),
     *("test_docs", "test_feasibility", "test_figures", "test_generate"),
-    *("test_identification", "test_live", "test_log_commands", "test_mcap_log"),
+    *("test_identification", "test_live", "test_log_commands", "test_mcap_file"),
     *("test_monte_carlo", "test_mujoco_link", "test_observed", "test_paper_robot"),
     *("test_plot", "test_posture", "test_public_api", "test_recording"),
     *("test_render", "test_report", "test_robot_command", "test_sampled_bounds"),

@@ -23,7 +23,7 @@ LAYERS = {
     "embedding": set(),
     "control": set(),
     "robot": {"mujoco", "trimesh"},
-    "runs": {"mcap", "mujoco", "zstandard"},
+    "runs": {"mcap", "mujoco"},
     "walking": {"mujoco"},
     "certificates": {"mujoco"},
     "views": {"av", "matplotlib", "mujoco", "rich", "viser"},

@@ -178,8 +178,8 @@ def simulate(
         seed: Seed of the sensor noise.
         force: Whether to walk even what the robot is not able to.
         progress: Called now and then with the simulated time.
-        record: File to write while it walks: ROS 2 messages, run.mcap, or the rows
-            alone, run.npy; a run that is cut off leaves what it wrote until then.
+        record: File of the rows, run.npy, which outlive a killed process; or of ROS 2
+            messages, run.mcap, which are made of the rows at the end.
         about: More to say about the run in its settings.
 
     Returns:
@@ -200,7 +200,7 @@ def simulate(
         about=about,
     )
     control = parts.control
-    recorder = Recorder(record, parts.log, robot, control.period, parts.settings)
+    recorder = Recorder(record, parts.log, robot, parts.settings)
     run = _walked(
         pattern,
         control,
@@ -311,7 +311,7 @@ def simulate_pendulum(
         servo_lag: Time constant between u and the CoM's velocity [s].
         watch: When a walk counts as a fall.
         progress: Called now and then with the simulated time.
-        record: File of ROS 2 messages to write while it walks, such as run.mcap.
+        record: File of the rows, run.npy, or of ROS 2 messages, run.mcap.
         about: More to say about the run in its settings.
 
     Returns:
@@ -335,7 +335,7 @@ def simulate_pendulum(
     log = Log(_rows(pattern, control.period))
     notes = {"robot": None, "plant": "pendulum", **(about or {})}
     settings = _settings(notes, control, pattern)
-    recorder = Recorder(record, log, None, control.period, settings)
+    recorder = Recorder(record, log, None, settings)
     return _walked(pattern, control, PointBody(), plant, recorder, watch, progress)
 
 
@@ -387,7 +387,7 @@ def _walked(
         log=log,
         pattern=pattern,
         seconds=time.perf_counter() - begin,
-        settings=recorder.notes,
+        settings=recorder.settings,
         recording=recorder.path,
     )
 

@@ -1,4 +1,4 @@
-"""The commands `log` and `export`, on runs that are whole, cut off or none."""
+"""The commands `log` and `export`, on runs that are whole, killed or none."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from rosbags.highlevel import AnyReader
 
 from comwalk.cli.app import main
 from comwalk.runs.columns import load_columns
-from comwalk.runs.mcap_log import MCAP_NAME
+from comwalk.runs.mcap_file import MCAP_NAME
 
 
 @pytest.fixture(scope="module")
@@ -28,12 +28,21 @@ def made(tmp_path_factory) -> Path:
 
 
 @pytest.fixture
-def cut(made, tmp_path) -> Path:
-    """What a crash left of it: half of the log, and nothing else."""
-    data = (made / MCAP_NAME).read_bytes()
-    (tmp_path / "cut").mkdir()
-    (tmp_path / "cut" / MCAP_NAME).write_bytes(data[: len(data) // 2])
-    return tmp_path / "cut"
+def killed(made, tmp_path) -> Path:
+    """What a killed run left: its rows, and what it was made with."""
+    folder = tmp_path / "killed"
+    folder.mkdir()
+    with np.load(made / "run.npz") as file:
+        columns = load_columns(file)
+    names = [name for name, column in columns.items() if column.ndim]
+    kind = np.dtype([(n, columns[n].dtype, columns[n].shape[1:]) for n in names])
+    rows = np.zeros(len(columns["t"]), kind)
+    for name in names:
+        rows[name][:1000] = columns[name][:1000]
+    np.save(folder / "run.npy", rows)
+    settings = json.loads((made / "summary.json").read_text())["settings"]
+    (folder / "run.json").write_text(json.dumps(settings))
+    return folder
 
 
 def rows_of(path: Path) -> list[dict[str, float]]:
@@ -47,11 +56,9 @@ def test_a_log_is_summarised(made, capsys):
     assert "completed in" in printed
     assert "comwalk walk --steps 1" in printed
     assert "/joint_states" in printed
-    assert "repaired" not in printed
     assert main(["log", str(made / MCAP_NAME), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     summary = json.loads((made / "summary.json").read_text())
-    assert not told["repaired"]
     assert told["settings"]["config"] == summary["settings"]["config"]
     rates = {topic["topic"]: topic["rate_hz"] for topic in told["topics"]}
     assert rates["/com"] == pytest.approx(500.0)
@@ -59,14 +66,15 @@ def test_a_log_is_summarised(made, capsys):
     assert rates["/tf_static"] is None
 
 
-def test_a_log_that_was_cut_off_is_repaired_once(cut, capsys):
-    assert main(["log", str(cut)]) == 0
-    assert "cut off at byte" in capsys.readouterr().out
-    assert main(["log", str(cut), "--json"]) == 0
+def test_a_killed_run_is_saved_once(killed, capsys):
+    assert main(["log", str(killed)]) == 0
+    assert "the run was killed" in capsys.readouterr().out
+    assert main(["log", str(killed), "--json"]) == 0
     told = json.loads(capsys.readouterr().out)
     assert told["outcome"] is None
-    assert not told["repaired"]
-    assert sorted(x.name for x in cut.iterdir()) == [MCAP_NAME]
+    assert told["duration_s"] == pytest.approx(999 * 0.002)
+    files = sorted(x.name for x in killed.iterdir())
+    assert files == ["run.json", MCAP_NAME, "run.npz"]
 
 
 def test_csv_holds_the_numbers_of_the_run(made, tmp_path):
@@ -95,14 +103,13 @@ def test_parquet_holds_what_csv_holds(made, tmp_path):
         assert table.fetchall() == [tuple(row.values()) for row in text]
 
 
-@pytest.mark.parametrize("which", ["made", "cut"])
+@pytest.mark.parametrize("which", ["made", "killed"])
 def test_rosbag2_opens_elsewhere(which, request, tmp_path, capsys):
     folder = request.getfixturevalue(which)
     out = tmp_path / "out"
     command = ["export", str(folder), "--rosbag2", "--out", str(out), "--json"]
     assert main(command) == 0
     told = json.loads(capsys.readouterr().out)
-    assert told["cut_off"] == (which == "cut")
     assert all(Path(file).is_file() for file in told["files"]["rosbag2"])
     with AnyReader([out / "rosbag2"]) as reader:
         counts: dict[str, int] = {}
@@ -143,8 +150,8 @@ def empty(path: Path) -> None:
     [
         (foreign, "another"),
         (text, "no MCAP file"),
-        (empty, "before its first message"),
-        (unreadable, ""),
+        (empty, "no MCAP file"),
+        (unreadable, "no MCAP file"),
     ],
 )
 def test_what_is_no_log_is_refused_on_one_line(write, message, tmp_path, capsys):
@@ -155,7 +162,7 @@ def test_what_is_no_log_is_refused_on_one_line(write, message, tmp_path, capsys)
     assert error.count("\n") == 1
     assert message in error
     assert (tmp_path / MCAP_NAME).read_bytes() == before
-    assert main(["export", str(tmp_path), "--csv", "--rosbag2"]) == 2
+    assert main(["export", str(tmp_path), "--rosbag2"]) == 2
     assert capsys.readouterr().err == error
 
 
@@ -164,7 +171,8 @@ def test_wrong_words_are_refused(made, tmp_path, capsys):
         (["log", str(tmp_path / "none")], "run.mcap"),
         (["log", str(tmp_path)], "run.mcap"),
         (["export", str(made)], "--csv, --parquet or --rosbag2"),
-        (["export", str(tmp_path), "--csv"], "run.mcap"),
+        (["export", str(tmp_path), "--csv"], "run.npz"),
+        (["export", str(tmp_path / "none"), "--csv"], "no such folder"),
     ):
         assert main(words) == 2
         error = capsys.readouterr().err
@@ -176,6 +184,6 @@ def test_wrong_words_are_refused(made, tmp_path, capsys):
     assert "file" in capsys.readouterr().err
 
 
-def test_a_run_without_summary_points_to_its_log(cut, capsys):
-    assert main(["replay", str(cut)]) == 2
+def test_a_run_without_summary_points_to_its_log(killed, capsys):
+    assert main(["replay", str(killed)]) == 2
     assert "comwalk log" in capsys.readouterr().err

@@ -12,7 +12,7 @@ from rich.console import Console
 from rich.table import Table
 
 from ..config import RobotConfig
-from ..errors import ComwalkError, ParameterError
+from ..errors import ComwalkError, ParameterError, RunError
 from ..run import Run
 from ..runs import (
     LogFacts,
@@ -21,7 +21,6 @@ from ..runs import (
     export_rosbag2,
     inspect,
     log_path,
-    repair,
 )
 from ..views import STILLS, check_film
 from .progress import share_bar
@@ -180,10 +179,10 @@ _Json = Annotated[
 
 
 def log(run: _Run, /, *, json: _Json = False) -> int:
-    """Tell what the log of a run holds; one that a crash cut off is repaired first."""
+    """Tell what a run holds as ROS 2 messages; a killed run is saved first."""
     path = log_path(run)
     with Console(stderr=True).status("reading"):
-        facts = repair(path)
+        facts = inspect(path)
     if json:
         _print_json(_table_of(facts, path))
         return 0
@@ -206,19 +205,10 @@ def log(run: _Run, /, *, json: _Json = False) -> int:
 def _about(facts: LogFacts) -> list[tuple[str, str]]:
     """Return what a table says of the whole log."""
     robot, command = facts.settings.get("robot"), facts.settings.get("command")
-    rows = [("outcome", facts.outcome or "not known: the log was cut off before")]
+    rows = [("outcome", facts.outcome or "not known: the run was killed before")]
     rows += [("robot", robot)] if robot else []
     rows += [("command", command)] if command else []
-    if not facts.end.whole:
-        rows.append(("repaired", _cut(facts)))
     return rows
-
-
-def _cut(facts: LogFacts) -> str:
-    return (
-        f"it was cut off at byte {facts.end.size}; all {facts.messages} messages "
-        f"before the cut, up to {facts.duration:.3f} s, are there"
-    )
 
 
 def _table_of(facts: LogFacts, path: Path) -> dict[str, Any]:
@@ -230,7 +220,6 @@ def _table_of(facts: LogFacts, path: Path) -> dict[str, Any]:
     ]
     return {
         "log": str(path),
-        "repaired": not facts.end.whole,
         "outcome": facts.outcome,
         "duration_s": facts.duration,
         "messages": facts.messages,
@@ -259,22 +248,21 @@ def export(
     ] = None,
     json: _Json = False,
 ) -> int:
-    """Write the log of a run for other programs; one cut off, up to the cut."""
-    path = log_path(run)
+    """Write a run for other programs; one that was killed, as far as it came."""
+    folder = run if run.is_dir() else run.parent
+    if not run.exists():
+        raise RunError(f"{run} is not a run: there is no such folder")
     asked = {"csv": csv, "parquet": parquet, "rosbag2": rosbag2}
     if not any(asked.values()):
         raise ParameterError("say what to export: --csv, --parquet or --rosbag2")
-    base = path.parent if out is None else out
-    facts, written = inspect(path), {}
+    base, written = folder if out is None else out, {}
     with Console(stderr=True).status("exporting"):
         for name, write in _WRITERS.items():
             if asked[name]:
-                written[name] = [str(file) for file in write(path, base / name)]
+                written[name] = [str(file) for file in write(folder, base / name)]
     if json:
-        _print_json({"cut_off": not facts.end.whole, "files": written})
+        _print_json({"files": written})
         return 0
-    if not facts.end.whole:
-        print(f"the log was cut off: what follows ends at {facts.duration:.3f} s")
     for name, files in written.items():
         print(f"{len(files)} files in {base / name}")
     return 0

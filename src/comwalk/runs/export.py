@@ -1,4 +1,4 @@
-"""Logs for other programs: CSV, Parquet, and the folder that rosbag2 wants."""
+"""Runs for other programs: CSV, Parquet, and the folder that rosbag2 wants."""
 
 from __future__ import annotations
 
@@ -9,41 +9,71 @@ from pathlib import Path
 import numpy as np
 
 from ..errors import RunError
-from .mcap_file import qos
-from .run_log import LogFacts, copy_whole, inspect, tables
+from ..robot import Robot
+from .mcap_file import LogFacts, inspect, nanoseconds
+from .recorder import log_path, origin, recover
+from .run_data import read_columns
+from .topics import Columns, streams_of
 
 Table = dict[str, np.ndarray]
 """Columns by name."""
 
 
-def export_csv(path: Path, folder: Path) -> list[Path]:
+def tables(columns: Columns, robot: Robot | None) -> dict[str, Table]:
+    """Return the numbers of a run, a table for each topic of its messages.
+
+    Args:
+        columns: The run's columns.
+        robot: The robot; None for the simplified model.
+
+    Returns:
+        Columns by name, by topic, such as "point.x" of "/com" and
+        "position.l_knee" of "/joint_states"; "time" [s] is the first. The poses of
+        links, "/tf", come in each row as well.
+    """
+    rows = {name: array for name, array in columns.items() if array.ndim}
+    time = nanoseconds(columns["t"]) / 1e9
+    return {
+        stream.topic: {
+            "time": time,
+            **{
+                name: column
+                for field, values in stream.values(rows).items()
+                for name, column in zip(stream.names(field), values.T, strict=True)
+            },
+        }
+        for stream in streams_of(robot, columns.keys())
+    }
+
+
+def export_csv(run: Path, folder: Path) -> list[Path]:
     """Write a table for each topic as CSV; the numbers are exact.
 
     Args:
-        path: The log, whole or cut off.
+        run: Folder of the run.
         folder: Made if it does not exist.
 
     Returns:
         The files.
 
     Raises:
-        RunError: If the log cannot be read, or the files cannot be written.
+        RunError: If the run cannot be read, or the files cannot be written.
     """
-    return _export(path, folder, "csv", _write_csv)
+    return _export(run, folder, "csv", _write_csv)
 
 
-def export_parquet(path: Path, folder: Path) -> list[Path]:
+def export_parquet(run: Path, folder: Path) -> list[Path]:
     """Write a table for each topic as Parquet.
 
     Args:
-        path: The log, whole or cut off.
+        run: Folder of the run.
         folder: Made if it does not exist.
 
     Returns:
         The files.
 
     Raises:
-        RunError: If the log cannot be read, the files cannot be written, or duckdb is
+        RunError: If the run cannot be read, the files cannot be written, or duckdb is
             not installed.
     """
     try:
@@ -60,18 +90,19 @@ def export_parquet(path: Path, folder: Path) -> list[Path]:
                 f"COPY columns TO '{target}' (FORMAT parquet, COMPRESSION zstd)"
             )
 
-    return _export(path, folder, "parquet", write)
+    return _export(run, folder, "parquet", write)
 
 
 def _export(
-    path: Path, folder: Path, suffix: str, write: Callable[[Path, Table], None]
+    run: Path, folder: Path, suffix: str, write: Callable[[Path, Table], None]
 ) -> list[Path]:
     """Write a file for each topic."""
-    written = []
-    numbers = tables(path)
+    recover(run)
+    columns, written = read_columns(run), []
+    robot, _, _ = origin(run)
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        for topic, table in numbers.items():
+        for topic, table in tables(columns, robot).items():
             file = folder / f"{topic.strip('/').replace('/', '_')}.{suffix}"
             write(file, table)
             written.append(file)
@@ -81,7 +112,6 @@ def _export(
 
 
 def _write_csv(file: Path, table: Table) -> None:
-    """Write a table as CSV."""
     columns = [column.tolist() for column in table.values()]
     with file.open("w", encoding="utf-8") as out:
         out.write(",".join(table) + "\n")
@@ -94,27 +124,25 @@ def _write_csv(file: Path, table: Table) -> None:
 _BAG_VERSION = 5  # of metadata.yaml, which ROS 2 Humble and all later ones read
 
 
-def export_rosbag2(path: Path, folder: Path) -> list[Path]:
-    """Write the folder that `ros2 bag play` takes: the log and its metadata.yaml.
+def export_rosbag2(run: Path, folder: Path) -> list[Path]:
+    """Write the folder that `ros2 bag play` takes: the messages and metadata.yaml.
 
     Args:
-        path: The log, whole or cut off.
+        run: Folder of the run.
         folder: Made if it does not exist.
 
     Returns:
         The files.
 
     Raises:
-        RunError: If the log cannot be read, or the files cannot be written.
+        RunError: If the run cannot be read, or the files cannot be written.
     """
+    path = log_path(run)
     facts = inspect(path)
     bag, about = folder / f"{folder.name}_0.mcap", folder / "metadata.yaml"
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        if facts.end.whole:
-            shutil.copyfile(path, bag)
-        else:
-            copy_whole(path, bag)
+        shutil.copyfile(path, bag)
         about.write_text(_bag_metadata(facts, bag.name), encoding="utf-8")
     except OSError as error:
         raise RunError(f"cannot write {folder}: {error.strerror}") from None
@@ -146,7 +174,7 @@ def _bag_metadata(facts: LogFacts, name: str) -> str:
             f"        type: {topic.kind.replace('/', '/msg/')}",
             "        serialization_format: cdr",
             "        offered_qos_profiles: |-",
-            *(f"          {line}" for line in qos(topic.latched).splitlines()),
+            *(f"          {line}" for line in topic.qos.splitlines()),
             f"      message_count: {topic.messages}",
         ]
     lines += [

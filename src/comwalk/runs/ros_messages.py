@@ -11,7 +11,6 @@ Values are nested dictionaries of the fields; those left out are zero or empty.
 from __future__ import annotations
 
 import re
-import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
@@ -245,66 +244,3 @@ def is_vector(kind: str) -> bool:
         Whether it is, as points and quaternions are.
     """
     return all(f.kind == "float64" and f.count is None for f in fields_of(kind))
-
-
-def decode(kind: str, data: bytes) -> dict[str, Any]:
-    """Return the fields of a message.
-
-    Args:
-        kind: Its type.
-        data: Its bytes.
-
-    Returns:
-        Nested dictionaries; arrays of numbers are numpy's.
-
-    Raises:
-        RunError: If the bytes are no such message.
-    """
-    if data[: len(_HEADER)] != _HEADER:
-        raise RunError(f"a message of the type {kind} is not in CDR, little endian")
-    try:
-        return _Decoder(data[len(_HEADER) :]).message(kind)
-    except (struct.error, ValueError):
-        raise RunError(f"a message of the type {kind} is broken") from None
-
-
-class _Decoder:
-    """Reads a message. Final."""
-
-    def __init__(self, body: bytes) -> None:
-        self.body, self.at = body, 0
-
-    def message(self, kind: str) -> dict[str, Any]:
-        """Read all fields of a message."""
-        return {field.name: self._field(field) for field in fields_of(kind)}
-
-    def _field(self, field: Field) -> Any:
-        """Read a field."""
-        if field.count is None:
-            return self._element(field.kind)
-        count = field.count or int(self._numbers("uint32", 1)[0])
-        if field.kind in _NUMBERS:
-            return self._numbers(field.kind, count)
-        return [self._element(field.kind) for _ in range(count)]
-
-    def _element(self, kind: str) -> Any:
-        """Read a number, a string or a message."""
-        if kind in _NUMBERS:
-            return self._numbers(kind, 1)[0].item()
-        if kind != "string":
-            return self.message(kind)
-        end = self.at = self.at + -self.at % 4
-        end += 4 + struct.unpack_from("<I", self.body, self.at)[0]
-        if end > len(self.body):
-            raise ValueError
-        text, self.at = self.body[self.at + 4 : end - 1], end
-        return text.decode()
-
-    def _numbers(self, kind: str, count: int) -> np.ndarray:
-        """Read numbers from the next place that suits them."""
-        dtype = np.dtype(_NUMBERS[kind])
-        if count:
-            self.at += -self.at % dtype.itemsize
-        numbers = np.frombuffer(self.body, dtype, count, self.at) if count else ()
-        self.at += count * dtype.itemsize
-        return np.array(numbers, dtype)

@@ -6,8 +6,8 @@ links under their own names. Quaternions are xyzw here, and wxyz everywhere else
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, TypeAlias
 
 import mujoco
@@ -36,6 +36,22 @@ class Stream:
     """From n rows to arrays by the name of a field of the layout, n values each."""
     slow: bool = False
     """Whether there is a message at some rows only: link poses are many numbers."""
+    labels: Mapping[str, str] = field(default_factory=dict)
+    """What fields are called in tables, if not by their own name."""
+    letters: Sequence[str] = "xyzw"
+    """What the numbers of a field are called."""
+
+    def names(self, name: str) -> list[str]:
+        """Return what the numbers of a field are called in tables.
+
+        Args:
+            name: The field.
+
+        Returns:
+            A name for each number, such as "point.x".
+        """
+        label, count = self.labels.get(name, name), self.layout.dtype[name].shape[0]
+        return [f"{label}.{letter}" for letter in self.letters[:count]]
 
 
 @dataclass(frozen=True, eq=False)
@@ -125,6 +141,7 @@ def _joint_states(robot: Robot, torques: str | None) -> Stream:
         "/joint_states",
         layout_of("sensor_msgs/JointState", example),
         lambda rows: {field: rows[column] for field, column in columns.items()},
+        letters=robot.joints,
     )
 
 
@@ -135,6 +152,7 @@ def _joint_commands(robot: Robot) -> Stream:
         "/joint_commands",
         layout_of("sensor_msgs/JointState", example),
         lambda rows: {"position": rows["joint_set_points"]},
+        letters=robot.joints,
     )
 
 
@@ -197,7 +215,13 @@ def _transforms(robot: Robot) -> Stream:
             found[f"transforms.{i}.transform.rotation"] = _xyzw(seen[1][:, i])
         return found
 
-    return Stream("/tf", layout_of("tf2_msgs/TFMessage", example), values, slow=True)
+    labels = {
+        f"transforms.{i}.transform.{part}": f"{child}.{part}"
+        for i, (_, child) in enumerate(pairs)
+        for part in ("translation", "rotation")
+    }
+    layout = layout_of("tf2_msgs/TFMessage", example)
+    return Stream("/tf", layout, values, slow=True, labels=labels)
 
 
 def _fixed_frames(robot: Robot) -> list[dict[str, Any]]:

@@ -1,23 +1,17 @@
-"""The log of a run: read by strangers, cut anywhere, written beside the loop."""
+"""A run as ROS 2 messages: read by strangers, written at the end."""
 
 from __future__ import annotations
 
 import errno
-import itertools
+import json
 import os
-import random
-import signal
-import subprocess
-import sys
-import threading
-import time
 from pathlib import Path
 
 import mujoco
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from mcap.records import ChunkIndex
+from mcap.writer import Writer
 from mcap_ros2.decoder import DecoderFactory
 from rosbags.highlevel import AnyReader
 from scipy.spatial.transform import Rotation
@@ -26,9 +20,9 @@ import comwalk as cw
 from comwalk.errors import RunError
 from comwalk.robot.urdf_export import robot_urdf
 from comwalk.run import Run
-from comwalk.runs.mcap_file import Block, End, McapWriter, read_mcap
-from comwalk.runs.mcap_log import CHUNK_TIME, MCAP_NAME, save_mcap
-from comwalk.runs.run_log import inspect, repair, tables
+from comwalk.runs.columns import rows_left
+from comwalk.runs.export import tables
+from comwalk.runs.mcap_file import MCAP_NAME, inspect
 
 TOPICS = {
     *("/joint_states", "/joint_commands", "/tf", "/tf_static", "/robot_description"),
@@ -188,25 +182,26 @@ def test_the_robot_is_described(read, run):
 
 
 def test_tables_hold_the_same_numbers(run):
-    found = tables(run.recording)
-    assert set(found) == TOPICS - {"/robot_description"}
+    found = tables(run.log.columns, run.robot)
+    assert set(found) == TOPICS - {"/robot_description", "/tf_static"}
     joints = [f"position.{n}" for n in run.robot.joints]
     values = np.stack([found["/joint_states"][n] for n in joints], axis=1)
     assert np.array_equal(values, run.log["joints"])
     assert np.array_equal(found["/zmp"]["point.y"], run.log["zmp"][:, 1])
     assert np.array_equal(found["/com"]["time"], run.log["t"].round(9))
     base = found["/tf"]["base_link.translation.x"]
-    assert base == pytest.approx(run.log["qpos"][::10, 0], abs=1e-15)
+    assert base == pytest.approx(run.log["qpos"][:, 0], abs=1e-15)
 
 
 # ---- Writing ----------------------------------------------------------------------
 
 
-def test_written_later_it_has_the_same_bytes(run, tmp_path):
-    again = tmp_path / MCAP_NAME
-    period = run.settings["control"]["period"]
-    save_mcap(again, run.log, run.robot, period, run.settings, str(run.outcome))
-    assert again.read_bytes() == run.recording.read_bytes()
+def test_the_rows_are_gone_once_the_messages_are_there(run):
+    assert [x.name for x in run.recording.parent.iterdir()] == [MCAP_NAME]
+    facts = inspect(run.recording)
+    assert facts.outcome == str(run.outcome)
+    assert facts.settings == json.loads(json.dumps(run.settings))
+    assert facts.duration == pytest.approx(run.log["t"][-1])
 
 
 def test_nothing_is_written_unless_asked(tmp_path, monkeypatch):
@@ -225,181 +220,38 @@ def test_the_simplified_model_has_points_alone(tmp_path):
     assert np.array_equal(zmp[:, :2], run.log["zmp"])
 
 
-def test_a_stalled_disk_does_not_stop_the_walk(tmp_path, monkeypatch):
-    """While the first chunk cannot be written, the robot walks past its end."""
-    gone_on, write = threading.Event(), McapWriter.add_chunk
-
-    def stalled(self, *args):
-        assert gone_on.wait(60.0)
-        write(self, *args)
-
-    monkeypatch.setattr(McapWriter, "add_chunk", stalled)
-    pattern = cw.make_pattern(cw.plan_steps(cw.Gait(), 1), cw.Pendulum())
-    last = pattern.duration - 0.2
-    run = cw.simulate_pendulum(
-        pattern,
-        record=tmp_path / "a.mcap",
-        progress=lambda t: gone_on.set() if t > last else None,
-    )
-    assert gone_on.is_set()
-    assert inspect(tmp_path / "a.mcap").messages == 4 * len(run.log)
-
-
 def test_a_full_disk_is_said_on_one_line(tmp_path, monkeypatch):
-    def full(self, *args):
+    """Neither a part of the file is left, nor are the rows lost."""
+
+    def full(self, *args, **named):
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
-    monkeypatch.setattr(McapWriter, "add_chunk", full)
+    monkeypatch.setattr(Writer, "add_message", full)
     pattern = cw.make_pattern(cw.plan_steps(cw.Gait(), 1), cw.Pendulum())
     with pytest.raises(RunError, match=r"a\.mcap: No space left"):
         cw.simulate_pendulum(pattern, record=tmp_path / "a.mcap")
+    assert sorted(x.name for x in tmp_path.iterdir()) == ["a.json", "a.npy"]
+    assert rows_left(tmp_path / "a.npy")["t"][-1] > pattern.duration - 0.01
 
 
-def test_two_runs_do_not_share_a_log(run, tmp_path):
-    pytest.importorskip("fcntl")
-    path = tmp_path / "a.mcap"
+def test_an_interrupted_walk_leaves_its_messages(tmp_path):
     pattern = cw.make_pattern(cw.plan_steps(cw.Gait(), 1), cw.Pendulum())
-    refused = []
 
-    def second(time: float) -> None:
-        if not refused:
-            with pytest.raises(RunError, match="written by another run"):
-                cw.simulate_pendulum(pattern, record=path)
-            with pytest.raises(RunError, match="still being written"):
-                repair(path)
-            refused.append(time)
+    def interrupt(time: float) -> None:
+        if time > 2.0:
+            raise KeyboardInterrupt
 
-    assert cw.simulate_pendulum(pattern, record=path, progress=second).outcome.ok
-    assert refused
-    assert inspect(path).end.whole
-
-
-# ---- Cut off ----------------------------------------------------------------------
-
-
-def messages_of(path: Path) -> tuple[list[bytes], End]:
-    """Return all messages that our reader finds, with all that is said of them."""
-    found: list[bytes] = []
-    end = End(False, 0, 0)
-    for item in read_mcap(path):
-        if isinstance(item, Block):
-            edges = [*item.starts.tolist(), len(item.messages)]
-            pairs = itertools.pairwise(edges)
-            found += [item.messages[a:b] for a, b in pairs]
-        elif isinstance(item, End):
-            end = item
-    return found, end
-
-
-def cuts(size: int) -> list[int]:
-    return sorted(random.Random(7).sample(range(size), 100))
-
-
-def test_all_before_a_cut_is_recovered(run, tmp_path):
-    """A hundred cuts: whole chunks by their places as the mcap package reads them."""
-    whole = run.recording.read_bytes()
-    everything, end = messages_of(run.recording)
-    assert end.whole
-    with run.recording.open("rb") as file:
-        summary = make_reader(file).get_summary()
-        total = summary.statistics.message_count
-    chunks = [
-        (c.chunk_start_offset + c.chunk_length, messages_in(c))
-        for c in summary.chunk_indexes
-    ]
-    assert len(everything) == total == sum(many for _, many in chunks)
-    path, further = tmp_path / MCAP_NAME, 0
-    for cut in cuts(len(whole)):
-        path.write_bytes(whole[:cut])
-        found, end = messages_of(path)
-        least = sum(many for last, many in chunks if last <= cut)
-        assert not end.whole
-        assert len(found) >= least
-        assert found == everything[: len(found)]
-        further += len(found) > least
-        if found:
-            repair(path)
-            again, end = messages_of(path)
-            assert end.whole
-            assert again == found
-            with path.open("rb") as file:
-                reader = make_reader(file, validate_crcs=True)
-                assert reader.get_summary().statistics.message_count == len(found)
-        else:
-            with pytest.raises(RunError, match="before its first message"):
-                repair(path)
-    assert further > 50  # most cuts are in a chunk, and give some of it too
-
-
-def messages_in(chunk: ChunkIndex) -> int:
-    """Return how many messages a chunk has, by the size of its indices."""
-    heads = 15 * len(chunk.message_index_offsets)
-    return (chunk.message_index_length - heads) // 16
-
-
-def test_a_repaired_log_opens_elsewhere(run, tmp_path):
-    path, whole = tmp_path / MCAP_NAME, run.recording.read_bytes()
-    path.write_bytes(whole[: len(whole) // 2])
-    facts = repair(path)
-    assert not facts.end.whole
+    with pytest.raises(KeyboardInterrupt):
+        cw.simulate_pendulum(pattern, record=tmp_path / "a.mcap", progress=interrupt)
+    facts = inspect(tmp_path / "a.mcap")
     assert facts.outcome is None
-    assert facts.settings["robot"] == "paper"
-    for found in (by_rosbags(path), by_mcap(path)):
-        assert {t: len(m) for t, m in found.items()} == {
-            t.topic: t.messages for t in facts.topics
-        }
-    assert inspect(path).end.whole
+    assert facts.duration > 1.9
 
 
-def test_cut_in_the_summary_it_gets_its_bytes_back(run, tmp_path):
-    path, whole = tmp_path / MCAP_NAME, run.recording.read_bytes()
-    path.write_bytes(whole[:-20])
-    assert repair(path).outcome == str(run.outcome)
-    assert path.read_bytes() == whole
-
-
-def test_a_whole_log_is_left_alone(run):
-    before = run.recording.stat().st_mtime_ns
-    assert repair(run.recording).end.whole
-    assert run.recording.stat().st_mtime_ns == before
-
-
-def test_what_stands_before_a_wrong_byte_is_read(run, tmp_path):
-    path, data = tmp_path / MCAP_NAME, bytearray(run.recording.read_bytes())
-    everything, _ = messages_of(run.recording)
-    rng = random.Random(3)
-    for _ in range(20):
-        place = rng.randrange(100_000, len(data) - 20_000)
-        broken = bytearray(data)
-        broken[place] ^= 0xFF
-        path.write_bytes(broken)
-        found, _ = messages_of(path)
-        assert found == everything[: len(found)]
-    assert len(found) > 0
-
-
-WALK = """
-import sys, comwalk as cw
-pattern = cw.make_pattern(cw.plan_steps(cw.Gait(), 40), cw.Pendulum())
-cw.simulate(cw.load_robot("paper"), pattern, record=sys.argv[1])
-"""
-
-
-@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
-def test_a_killed_walk_leaves_its_log(tmp_path):
-    """At most a chunk, and what was simulated since the last look, is lost."""
-    path = tmp_path / MCAP_NAME
-    process = subprocess.Popen([sys.executable, "-c", WALK, str(path)])
-    deadline = time.monotonic() + 120
-    while not (path.exists() and path.stat().st_size > 1_500_000):
-        assert process.poll() is None
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    process.send_signal(signal.SIGKILL)
-    process.wait()
-    facts = repair(path)
-    assert not facts.end.whole
-    assert facts.duration > 2 * CHUNK_TIME
-    found = by_rosbags(path)
-    assert set(found) == TOPICS
-    assert len(found["/com"]) == pytest.approx(500 * facts.duration, abs=1.5)
+def test_a_cut_file_is_refused_with_the_way_out(run, tmp_path):
+    whole = run.recording.read_bytes()
+    for size in (len(whole) // 2, len(whole) - 20, 30):
+        (tmp_path / MCAP_NAME).write_bytes(whole[:size])
+        with pytest.raises(RunError, match="cut off or no MCAP file") as caught:
+            inspect(tmp_path / MCAP_NAME)
+        assert "run.npz" in str(caught.value)

@@ -16,9 +16,8 @@ HEAD = """\
 # Settings
 
 Each row is a key of a TOML file (`--config FILE`) and a flag of the command: `half_step`
-under `[gait]` is `--gait.half-step`. Keys that suit the robot have the paper's number as
-default here; `comwalk robot NAME` shows a robot's own. Written by
-`python docs/make_settings.py` from where the settings are declared.
+under `[gait]` is `--gait.half-step`. Defaults are the paper's; `comwalk robot NAME` shows
+those of a robot. Written by `python docs/make_settings.py` from the declarations.
 """
 COMMANDS = {
     "walk": WalkConfig,

@@ -17,7 +17,7 @@ import comwalk as cw
 from comwalk.cli.app import main
 from comwalk.errors import RunError
 from comwalk.runs.columns import load_columns, rows_left, save_columns
-from comwalk.runs.run_log import recover
+from comwalk.runs.recorder import recover
 
 
 def loaded(path: Path) -> dict[str, np.ndarray]:

@@ -15,8 +15,8 @@ PAGE = Path(__file__).parent / "settings.md"
 HEAD = """\
 # Settings
 
-Each row is a key of a TOML file (`--config FILE`) and a flag of the command: `half_step`
-under `[gait]` is `--gait.half-step`. Defaults are the paper's; `comwalk robot NAME` shows
+Each row is a key of a TOML file (`--config FILE`) and a flag: `half_step`
+under `[gait]` is `--gait.half-step`. Defaults are the paper's; `comwalk robot NAME` has
 those of a robot. Written by `python docs/make_settings.py` from the declarations.
 """
 COMMANDS = {

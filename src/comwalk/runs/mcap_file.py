@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -225,7 +226,7 @@ def inspect(path: Path) -> LogFacts:
                 counts.setdefault(channel.id, []).append(message.log_time)
     except OSError as error:
         raise RunError(f"cannot read {path}: {error.strerror}") from None
-    except (McapError, KeyError, ValueError, EOFError) as error:
+    except (McapError, struct.error, KeyError, ValueError, EOFError) as error:
         raise RunError(
             f"{path} is cut off or no MCAP file ({error}); `comwalk log` of the run's "
             "folder writes it anew from run.npz"

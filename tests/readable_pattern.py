@@ -20,7 +20,6 @@ from comwalk.pattern.footsteps import (
     Foothold,
     FootstepPlan,
     foot_poses,
-    shortest_turn,
 )
 from comwalk.pattern.pendulum import Pendulum, zmp_of_motion
 from comwalk.pattern.phases import MIN_MINJERK, START_SPEED
@@ -82,16 +81,6 @@ class ReadablePattern:
         return tuple(
             PhaseSpan(p.start, p.duration, p.phase, p.support[1]) for p in self._pieces
         )
-
-    @cached_property
-    def table(self) -> np.ndarray:
-        """All phases as numbers, (k, `rows.PHASE_SIZE`), for compiled lookups.
-
-        `rows` says what stands where, and `lookup.fill_reference` reads it. Read-only.
-        """
-        table = np.array([self._row_of(piece) for piece in self._pieces])
-        table.setflags(write=False)
-        return table
 
     def at(self, time: float) -> Reference:
         """Return the reference at one time.
@@ -237,26 +226,6 @@ class ReadablePattern:
         s = min(max(t, knots[0]), knots[-1]) - knots[k]
         a, b, c, d = cubics[k]
         return ((a * s + b) * s + c) * s + d, (3.0 * a * s + 2.0 * b) * s + c
-
-    def _row_of(self, piece: _Piece) -> list[float]:
-        """Return the numbers of a phase, in the order of `rows`."""
-        S, r = piece.duration, (*piece.x[6:], *piece.y[6:])
-        swing = [-1.0, *(number for foot in piece.feet for number in _pose_of(foot))]
-        swing += [0.0] * 4
-        if piece.swing is not None:
-            begin, end, clearance = piece.swing
-            swing[0] = 0.0 if piece.phase is Phase.SINGLE_RIGHT else 1.0
-            turn = shortest_turn(begin.yaw, end.yaw)
-            swing[7:] = end.x - begin.x, end.y - begin.y, turn, clearance
-        knots, cubics = self._heading
-        k = min(max(bisect_right(knots, piece.start) - 1, 0), len(cubics) - 1)
-        return [
-            *(piece.start, S, float(piece.phase), float(piece.step)),
-            *(0.0 if side is Side.LEFT else 1.0 for side in piece.support),
-            *(*piece.left_load, *piece.walking, *piece.x, *piece.y),
-            1.0 / math.sinh(self._omega * S) if any(r) and S > 0.0 else 0.0,
-            *(*swing, *cubics[k], knots[k], knots[-1]),
-        ]
 
     def _hull(self, piece: _Piece) -> np.ndarray:
         """Return the hull of the soles on the ground in a phase."""

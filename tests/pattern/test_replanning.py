@@ -32,12 +32,10 @@ from comwalk.walking.whole_body import WholeBody
 
 OMEGA = PAPER_PENDULUM.omega
 rows = SimpleNamespace(
-    **{name: place for name, place in vars(records).items() if name.isupper()}
-)
-"""Places of the numbers of a phase, and of a reference whose fields are in a row."""
-rows.TIME, rows.COM, rows.COM_VELOCITY, rows.COM_ACCELERATION = 0, 1, 4, 7
-rows.ZMP, rows.PHASE, rows.SUPPORT, rows.LEFT_LOAD, rows.HEADING = 10, 12, 13, 14, 15
-rows.LEFT_FOOT, rows.RIGHT_FOOT = 19, 27
+    TIME=0, COM=1, COM_VELOCITY=4, COM_ACCELERATION=7, ZMP=10, PHASE=12, SUPPORT=13,
+    LEFT_LOAD=14, HEADING=15, LEFT_FOOT=19, RIGHT_FOOT=27,
+)  # fmt: skip
+"""Places of a reference's fields, one after the other."""
 
 
 def numbers(reference: np.void) -> np.ndarray:
@@ -142,17 +140,17 @@ def propagated(table, since, omega):
     def missing(state, axis, delta):
         piece = table[0]
         for k, piece in enumerate(table):
-            feet = piece[rows.RESTING : rows.RESTING + 6].reshape(2, 3)
-            time = piece[rows.DURATION] - (since if k == 0 else 0.0)
-            if piece[rows.KIND] in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT):
-                stance = feet[1 - int(piece[rows.SWINGING]), axis]
+            feet = piece["resting"]
+            time = piece["duration"] - (since if k == 0 else 0.0)
+            if piece["kind"] in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT):
+                stance = feet[1 - int(piece["swinging"]), axis]
                 state = fly(state, stance + (delta if k == 0 else 0.0), time)
-            elif piece[rows.KIND] == Phase.DOUBLE:
+            elif piece["kind"] == Phase.DOUBLE:
                 state = np.array([state[0] + time * state[1], state[1]])
             else:
                 break
         goal = feet[:, axis].mean()
-        return state[1] - START_SPEED / piece[rows.DURATION] * (goal - state[0])
+        return state[1] - START_SPEED / piece["duration"] * (goal - state[0])
 
     return missing
 
@@ -356,9 +354,9 @@ def test_without_commands_it_stops_by_itself():
     online = OnlinePattern(ahead=3)
     online.set_velocity(0.2)
     online.at(4.0)
-    kinds = online.table[:, rows.KIND].astype(int).tolist()
+    kinds = online.table["kind"].tolist()
     assert kinds[-2:] == [Phase.STOP, Phase.STAND]
-    assert np.diff(online.table[:, rows.START]).min() > 0.0
+    assert np.diff(online.table["start"]).min() > 0.0
 
 
 def test_the_driver_is_asked_before_each_reference():

@@ -17,7 +17,6 @@ if TYPE_CHECKING:
     from .pendulum import PAPER_PENDULUM as PAPER_PENDULUM
     from .pendulum import Pendulum as Pendulum
     from .pendulum import zmp_of_motion as zmp_of_motion
-    from .phases import WORK_COLUMNS as WORK_COLUMNS
     from .phases import fill_plan as fill_plan
     from .plan_edits import excerpt as excerpt
     from .plan_edits import shortened as shortened
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
     from .polygon import rectangle as rectangle
     from .polygon import rectangle_in as rectangle_in
     from .polygon import share_between as share_between
-    from .records import PHASE_SIZE as PHASE_SIZE
+    from .records import PHASE as PHASE
     from .records import REFERENCE as REFERENCE
     from .reference import Phase as Phase
     from .reference import Reference as Reference

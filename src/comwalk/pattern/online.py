@@ -27,9 +27,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from ..compiled import load
 from ..errors import ParameterError, PlanError, checked_count, checked_number
+from ..handles import handle_of
 from ..sides import Side
-from . import phases as p
 from . import records as r
 from .footsteps import (
     PAPER_GAIT,
@@ -40,29 +41,9 @@ from .footsteps import (
     Gait,
 )
 from .pendulum import PAPER_PENDULUM, Pendulum
-from .phases import MIN_MINJERK
-from .reference import STAND, Reference, reference_of
-from .replan import (
-    _AHEAD,
-    _COMMAND_SIZE,
-    _FIRST,
-    _GIVEN,
-    _GIVEN_POSE,
-    _LAST_CLEARANCE,
-    _LAST_SINGLE,
-    _LEAST,
-    _LENGTH,
-    _MINJERK,
-    _OMEGA,
-    _ROWS,
-    _SOLE,
-    _STATE_SIZE,
-    _STOP,
-    _WALK,
-    advance,
-    given_is_walkable,
-    replan,
-)
+from .phases import MIN_MINJERK, fill_standing
+from .reference import Reference, reference_of
+from .replan import advance, given_is_walkable, replan
 
 STEPS_AHEAD = 4
 """Steps that are planned beyond the one that is being made [-]. What is not yet known
@@ -140,25 +121,25 @@ class OnlinePattern:
             sole_size=sole_size,
         )
         self._feet = (plan.left, plan.right)
-        self._row = np.zeros(1, r.REFERENCE)
-        self._table = np.zeros((2 * ahead + 8, r.PHASE_SIZE))
-        self._work = np.zeros((len(self._table) + 2, p.WORK_COLUMNS))
-        self._state = np.zeros(_STATE_SIZE)
-        self._command = np.zeros(_COMMAND_SIZE)
-        self._command[_AHEAD], self._command[_LEAST] = ahead, self.least_time
-        self._command[_OMEGA] = pendulum.omega
-        self._command[_SOLE : _SOLE + 2] = plan.sole_size
+        self._table = np.zeros(2 * ahead + 8, r.PHASE)
+        self._work = np.zeros(len(self._table), r.WORK)
+        self._arrays = [np.zeros(1, k) for k in (r.ONLINE, r.COMMAND, r.REFERENCE)]
+        self._state, self._command, self._row = (array[0] for array in self._arrays)
+        state, command, row = self._arrays
+        self._handle = handle_of(self._table, state, command, self._work, row)
+        self._advance = load(advance, self._handle, 0.0)
+        known = {"ahead": ahead, "least": self.least_time, "sole": plan.sole_size}
+        known |= {"omega": pendulum.omega, "height": pendulum.height}
+        for name, value in known.items():
+            self._command[name] = value
         self._time = 0.0
         self._stand(gait)
 
     def _stand(self, gait: Gait) -> None:
         """Begin to stand."""
-        poses = [(foot.x, foot.y, foot.yaw) for foot in self._feet]
-        self._state[_ROWS] = 1.0
-        feet = np.ravel(poses)
-        p.still(
-            *(self._table[0], 0.0, gait.stand_time, STAND, 0.0, 0.0, 0.0, 0.0, feet)
-        )
+        feet = np.array([(foot.x, foot.y, foot.yaw) for foot in self._feet])
+        self._state["rows"] = 1
+        fill_standing(self._table, gait.stand_time, feet)
         self._gait = gait
         self._take(gait)
 
@@ -174,13 +155,13 @@ class OnlinePattern:
 
     @property
     def table(self) -> np.ndarray:
-        """The phases from now to the stop, (k, `rows.PHASE_SIZE`); a view."""
-        return self._table[: int(self._state[_ROWS])]
+        """The phases from now to the stop, records of `PHASE`; a view."""
+        return self._table[: self._state["rows"]]
 
     @property
     def walks(self) -> bool:
         """Whether steps are commanded."""
-        return bool(self._command[_WALK])
+        return bool(self._command["walk"])
 
     def at(self, time: float) -> Reference:
         """Return the reference at a time.
@@ -217,11 +198,10 @@ class OnlinePattern:
             )
         if self.driver is not None:
             self.driver(self, time)
-        args = self._table, self._state, self._command, self._work
-        while advance(*args, time, self.pendulum.height, self._row):
+        while self._advance(self._handle, time):
             self._note_landing()
         self._time = time
-        return self._row[0]
+        return self._row
 
     def set_velocity(
         self, forward: float = 0.0, side: float = 0.0, turn: float = 0.0
@@ -268,12 +248,12 @@ class OnlinePattern:
             PlanError: If the style of double support differs while walking, or it is
                 too short for "minjerk".
         """
-        moves = int(self._state[_ROWS]) > 1
+        moves = self._state["rows"] > 1
         if moves and gait.double_support != self._gait.double_support:
             raise PlanError("double_support can only change while the robot stands")
         self._take(gait)
         self._gait = gait
-        self._command[_WALK] = 1.0
+        self._command["walk"] = True
         self._replan()
 
     def set_next_step(self, foothold: Foothold) -> None:
@@ -293,14 +273,13 @@ class OnlinePattern:
         if not np.isfinite(pose).all():
             raise PlanError(f"a foothold must have finite numbers, got {foothold}")
         before = self._command.copy()
-        self._command[_GIVEN] = 1.0
-        self._command[_GIVEN_POSE : _GIVEN_POSE + 3] = pose
-        first = before[_FIRST]
-        for self._command[_FIRST] in (first, 1.0 - first):
-            if given_is_walkable(self._table, self._command, self._work):
+        self._command["given"], self._command["foothold"] = True, pose
+        first = int(before["first"])
+        for self._command["first"] in (first, 1 - first):
+            if given_is_walkable(self._table, self._state, self._command):
                 break
         else:
-            self._command[:] = before
+            self._arrays[1][0] = before
             raise PlanError(
                 f"{foothold} cannot be stepped on from where the other foot stands: it "
                 "is too far, turned too much, or on the other foot's side"
@@ -309,7 +288,7 @@ class OnlinePattern:
 
     def stop(self) -> None:
         """Come to rest: the foot in the air lands, the other one comes beside it."""
-        self._command[_WALK] = self._command[_GIVEN] = 0.0
+        self._command["walk"] = self._command["given"] = False
         self._replan()
 
     def _take(self, gait: Gait) -> None:
@@ -321,13 +300,21 @@ class OnlinePattern:
                 f"transfer_time at least {0.5 * least:.3g} s"
             )
         way = gait.lateral or gait.turn
-        self._command[_LENGTH : _STOP + 1] = (
-            *(gait.step_length, gait.lateral, gait.turn, gait.half_width),
-            *(gait.single_support_time, gait.double_support_time, gait.swing_height),
-            *(gait.start_time, gait.stop_time),
-        )
-        self._command[_MINJERK] = float(gait.double_support == "minjerk")
-        self._command[_FIRST] = 0.0 if way > 0.0 else 1.0
+        told = {
+            "length": gait.step_length,
+            "shift": gait.lateral,
+            "turn": gait.turn,
+            "width": gait.half_width,
+            "single": gait.single_support_time,
+            "double": gait.double_support_time,
+            "clearance": gait.swing_height,
+            "start": gait.start_time,
+            "stop": gait.stop_time,
+            "minjerk": gait.double_support == "minjerk",
+            "first": 0 if way > 0.0 else 1,
+        }
+        for name, value in told.items():
+            self._command[name] = value
 
     def _replan(self) -> None:
         """Make the plan anew from the last reference on."""
@@ -335,31 +322,21 @@ class OnlinePattern:
 
     def _note_landing(self) -> None:
         """Remember where the last foot landed, and how long it took."""
-        piece = self._table[0]
-        foot = 1 - int(piece[r.BASES])
-        x, y, yaw = piece[r.RESTING + 3 * foot : r.RESTING + 3 * foot + 3].tolist()
-        S, D, height = self._state[_LAST_SINGLE : _LAST_CLEARANCE + 1].tolist()
+        piece, state = self._table[0], self._state
+        foot = 1 - int(piece["bases"][0])
+        x, y, yaw = piece["resting"][foot].tolist()
         self.footsteps.append(
             Footstep(
                 side=Side.LEFT if foot == 0 else Side.RIGHT,
                 x=x,
                 y=y,
                 yaw=yaw,
-                single_support=S,
-                double_support=D,
-                swing_height=height,
+                single_support=float(state["single"]),
+                double_support=float(state["double"]),
+                swing_height=float(state["clearance"]),
             )
         )
 
 
 def _within(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
-
-
-# A tick.
-
-
-# The footsteps.
-
-
-# The CoM and the heading.

@@ -9,10 +9,11 @@ continuous velocity makes all links one tridiagonal system, solved in one sweep.
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 
-from ..compiled import kernel
+from ..compiled import Record, kernel
 from ..errors import PlanError
 from ..sides import Side
 from . import records as r
@@ -29,13 +30,6 @@ MIN_MINJERK = 0.2
 """Shortest omega_n times duration of a "minjerk" double support [-]; below, the
 particular solution loses too many digits."""
 
-WORK_COLUMNS = 8
-"""Columns of the scratch array that `link` and `fill_turns` use; a row per phase."""
-
-STEP_COLUMNS = 7
-"""Numbers of a footstep: foot, x, y [m], yaw [rad], single and double support [s],
-clearance [m]."""
-
 
 def plan_table(plan: FootstepPlan, pendulum: Pendulum) -> np.ndarray:
     """Return the table of a plan's pattern, `make_pattern(plan, pendulum).table`.
@@ -45,7 +39,7 @@ def plan_table(plan: FootstepPlan, pendulum: Pendulum) -> np.ndarray:
         pendulum: Gives omega_n and c_z.
 
     Returns:
-        The phases, (k, `rows.PHASE_SIZE`), for `lookup.fill_reference`.
+        The phases, records of `PHASE`, for `fill_reference`.
 
     Raises:
         PlanError: If a double support is too short for "minjerk".
@@ -53,7 +47,7 @@ def plan_table(plan: FootstepPlan, pendulum: Pendulum) -> np.ndarray:
     Example:
         >>> from comwalk.pattern import Gait, plan_steps
         >>> plan_table(plan_steps(Gait(), 2), Pendulum()).shape
-        (11, 44)
+        (11,)
     """
     omega, minjerk = pendulum.omega, plan.double_support == "minjerk"
     if not plan.steps:
@@ -66,15 +60,12 @@ def plan_table(plan: FootstepPlan, pendulum: Pendulum) -> np.ndarray:
             f"double support before footstep {k + 1} is too short for double_support "
             f'= "minjerk": make it {least:.3g} times longer, or use "paper"'
         )
-    numbers = (number for step in plan.steps for number in _numbers_of(step))
-    steps = np.fromiter(numbers, float, STEP_COLUMNS * len(plan.steps))
-    steps = steps.reshape(-1, STEP_COLUMNS)
+    steps = np.array([_record_of(step) for step in plan.steps], r.STEP)
     stands = np.array([-1.0 if s.stand is None else s.stand for s in plan.steps])
     pauses = int(np.count_nonzero(stands[:-1] >= 0.0))
-    table = np.empty((2 * len(steps) + 5 + 4 * pauses, r.PHASE_SIZE))
-    work = np.empty((len(table), WORK_COLUMNS))
-    poses = [(foot.x, foot.y, foot.yaw) for foot in (plan.left, plan.right)]
-    feet = np.ravel(poses)
+    table = np.zeros(2 * len(steps) + 5 + 4 * pauses, r.PHASE)
+    work = np.zeros(len(table), r.WORK)
+    feet = np.array([(foot.x, foot.y, foot.yaw) for foot in (plan.left, plan.right)])
     times = np.array([plan.stand_time, plan.start_time, plan.stop_time])
     fill_plan(table, steps, stands, feet, times, omega, minjerk, work)
     return table
@@ -82,20 +73,24 @@ def plan_table(plan: FootstepPlan, pendulum: Pendulum) -> np.ndarray:
 
 def _standing_table(plan: FootstepPlan) -> np.ndarray:
     """Return the one phase of a plan without steps."""
-    table = np.zeros((1, r.PHASE_SIZE))
-    poses = [(foot.x, foot.y, foot.yaw) for foot in (plan.left, plan.right)]
-    still(
-        table[0], 0.0, 2 * plan.stand_time, STAND, 0.0, 0.0, 0.0, 0.0, np.ravel(poses)
-    )
-    yaw = mean_yaw(table[0], float(plan.left.yaw))
-    set_turn(table[0], 0.0, 1.0, yaw, 0.0, yaw, 0.0, 1.0)
+    table = np.zeros(1, r.PHASE)
+    feet = np.array([(foot.x, foot.y, foot.yaw) for foot in (plan.left, plan.right)])
+    fill_standing(table, 2 * plan.stand_time, feet)
     return table
 
 
-def _numbers_of(step: Footstep) -> tuple[float, ...]:
-    foot = 0.0 if step.side is Side.LEFT else 1.0
-    S, D = step.single_support, step.double_support
-    return foot, step.x, step.y, step.yaw, S, D, step.swing_height
+def _record_of(step: Footstep) -> tuple[Any, ...]:
+    foot, pose = list(Side).index(step.side), (step.x, step.y, step.yaw)
+    return foot, pose, step.single_support, step.double_support, step.swing_height
+
+
+@kernel
+def fill_standing(table: np.ndarray, duration: float, feet: np.ndarray) -> None:
+    """Fill the first row of a table: standing, from time 0 on."""
+    piece, yaw = table[0], feet[0, 2]
+    still(piece, 0.0, duration, STAND, 0, 0, 0.0, 0.0, feet)
+    yaw = mean_yaw(piece, yaw)
+    set_turn(piece, 0.0, 1.0, yaw, 0.0, yaw, 0.0, 1.0)
 
 
 @kernel
@@ -113,14 +108,14 @@ def fill_plan(
 
     Args:
         table: Where to write, 2 n + 5 rows and four more per pause.
-        steps: The n footsteps, (n, `STEP_COLUMNS`), n > 0.
+        steps: The n footsteps, records of `STEP`, n > 0.
         stands: Pause after each step [s], negative for none, (n,).
-        feet: x, y [m], yaw [rad] of the left, then of the right foot; (6,), which then
+        feet: x, y [m], yaw [rad] of the left and of the right foot, (2, 3); then it
             holds where they are at the end.
         times: Times of standing, starting and stopping [s], (3,).
         omega: Natural frequency omega_n [rad/s].
         minjerk: Whether the ZMP crosses by minimum jerk.
-        work: Scratch, as many rows as the table.
+        work: Scratch, records of `WORK`, as many as the table has.
     """
     stand, start, stop = times[0], times[1], times[2]
     begin, i, time = 0, 0, 0.0
@@ -128,22 +123,22 @@ def fill_plan(
         end = begin + 1
         while end < len(steps) and stands[end - 1] < 0.0:
             end += 1
-        base = 1.0 - steps[begin, 0]
+        base = 1 - steps[begin].foot
         still(table[i], time, stand, STAND, begin, base, 0.0, 0.0, feet)
         still(table[i + 1], time + stand, start, START, begin, base, 0.0, 1.0, feet)
         first, i = i + 1, i + 2
         for k in range(begin, end):
-            add_double(table, i, feet, 1.0 - steps[k, 0], steps[k, 5])
+            add_double(table, i, feet, 1 - steps[k].foot, steps[k].double)
             add_single(table, i + 1, feet, steps[k])
             i += 2
         stand = times[0] if end == len(steps) else stands[end - 1]
-        add_end(table, i, feet, steps[end - 1, 5], stop, stand)
+        add_end(table, i, feet, steps[end - 1].double, stop, stand)
         kappa = fill_start(table[first], omega, minjerk)
         x, y = weight_point(table[first], 0)
         link(table, first + 1, i + 1, omega, minjerk, kappa, kappa * x, kappa * y, work)
-        place_start(table[first], work[0, 2], work[0, 3])
+        place_start(table[first], work[0].com)
         fill_turns(table, first - 1, i + 2, work)
-        begin, i, time = end, i + 2, table[i + 2, r.START]
+        begin, i, time = end, i + 2, table[i + 2].start
 
 
 # Rows of phases.
@@ -151,55 +146,56 @@ def fill_plan(
 
 @kernel
 def still(
-    piece: np.ndarray,
+    piece: Record,
     start: float,
     duration: float,
     kind: int,
-    landed: float,
-    base: float,
+    landed: int,
+    base: int,
     walking_0: float,
     walking_1: float,
     feet: np.ndarray,
 ) -> None:
     """Write a phase in which both feet bear the same and the CoM rests between them."""
-    piece[:] = 0.0
-    piece[r.START], piece[r.DURATION] = start, duration
-    piece[r.KIND], piece[r.LANDED] = kind, landed
-    piece[r.BASES] = piece[r.BASES + 1] = base
-    piece[r.LOADS] = piece[r.LOADS + 1] = 0.5
-    piece[r.BLENDS], piece[r.BLENDS + 1] = walking_0, walking_1
-    piece[r.SWINGING] = -1.0
-    piece[r.RESTING : r.RESTING + 6] = feet
-    piece[r.CURVE_X], piece[r.CURVE_Y] = weight_point(piece, 0)
+    piece.inverse_sinh = piece.clearance = 0.0
+    piece.curve[:, :] = 0.0
+    piece.travel[:] = 0.0
+    piece.start, piece.duration = start, duration
+    piece.kind, piece.landed = kind, landed
+    piece.bases[0] = piece.bases[1] = base
+    piece.loads[0] = piece.loads[1] = 0.5
+    piece.blends[0], piece.blends[1] = walking_0, walking_1
+    piece.swinging = -1
+    piece.resting[:, :] = feet
+    piece.curve[0, 0], piece.curve[1, 0] = weight_point(piece, 0)
 
 
 @kernel
 def add_double(
-    table: np.ndarray, i: int, feet: np.ndarray, base: float, duration: float
+    table: np.ndarray, i: int, feet: np.ndarray, base: int, duration: float
 ) -> None:
     """Write the double support after row i - 1 that brings the weight on one foot."""
     before, piece = table[i - 1], table[i]
     start, landed = after(before)
     still(piece, start, duration, DOUBLE, landed, base, 1.0, 1.0, feet)
-    piece[r.BASES], piece[r.LOADS] = before[r.BASES + 1], before[r.LOADS + 1]
-    piece[r.LOADS + 1] = 1.0 - base
+    piece.bases[0], piece.loads[0] = before.bases[1], before.loads[1]
+    piece.loads[1] = 1.0 - base
 
 
 @kernel
-def add_single(table: np.ndarray, i: int, feet: np.ndarray, step: np.ndarray) -> None:
+def add_single(table: np.ndarray, i: int, feet: np.ndarray, step: Record) -> None:
     """Write the single support of a footstep after row i - 1; the feet then move."""
-    piece, foot = table[i], int(step[0])
+    piece, foot = table[i], step.foot
     start, landed = after(table[i - 1])
     kind = SINGLE_RIGHT if foot == 0 else SINGLE_LEFT
-    still(piece, start, step[4], kind, landed, 1.0 - foot, 1.0, 1.0, feet)
-    piece[r.LOADS] = piece[r.LOADS + 1] = float(foot)
-    piece[r.SWINGING], piece[r.CLEARANCE] = foot, step[6]
-    at = 3 * foot
-    piece[r.TRAVEL] = step[1] - feet[at]
-    piece[r.TRAVEL + 1] = step[2] - feet[at + 1]
-    piece[r.TRAVEL + 2] = wrapped(step[3] - feet[at + 2])
-    feet[at], feet[at + 1] = step[1], step[2]
-    feet[at + 2] += piece[r.TRAVEL + 2]
+    still(piece, start, step.single, kind, landed, 1 - foot, 1.0, 1.0, feet)
+    piece.loads[0] = piece.loads[1] = float(foot)
+    piece.swinging, piece.clearance = foot, step.clearance
+    for k in range(3):
+        piece.travel[k] = step.pose[k] - feet[foot, k]
+    piece.travel[2] = wrapped(piece.travel[2])
+    feet[foot, 0], feet[foot, 1] = step.pose[0], step.pose[1]
+    feet[foot, 2] += piece.travel[2]
 
 
 @kernel
@@ -212,9 +208,9 @@ def add_end(
     stand: float,
 ) -> None:
     """Write the last double support after row i - 1, the stop and the standing."""
-    base = table[i - 1, r.BASES + 1]
+    base = table[i - 1].bases[1]
     add_double(table, i, feet, base, double)
-    table[i, r.LOADS + 1] = 0.5
+    table[i].loads[1] = 0.5
     start, landed = after(table[i])
     still(table[i + 1], start, stop, STOP, landed, base, 1.0, 0.0, feet)
     start, landed = after(table[i + 1])
@@ -222,18 +218,18 @@ def add_end(
 
 
 @kernel
-def after(piece: np.ndarray) -> tuple[float, float]:
+def after(piece: Record) -> tuple[float, int]:
     """Return when a phase ends, and how many footsteps have landed then."""
-    landed = piece[r.LANDED] + (1.0 if piece[r.SWINGING] >= 0.0 else 0.0)
-    return piece[r.START] + piece[r.DURATION], landed
+    landed = piece.landed + (1 if piece.swinging >= 0 else 0)
+    return piece.start + piece.duration, landed
 
 
 @kernel
-def weight_point(piece: np.ndarray, end: int) -> tuple[float, float]:
+def weight_point(piece: Record, end: int) -> tuple[float, float]:
     """Return the point between the feet where the weight is at an end (0 or 1) [m]."""
-    left, at = piece[r.LOADS + end], r.RESTING
-    x = left * piece[at] + (1.0 - left) * piece[at + 3]
-    y = left * piece[at + 1] + (1.0 - left) * piece[at + 4]
+    left, feet = piece.loads[end], piece.resting
+    x = left * feet[0, 0] + (1.0 - left) * feet[1, 0]
+    y = left * feet[0, 1] + (1.0 - left) * feet[1, 1]
     return x, y
 
 
@@ -266,46 +262,47 @@ def link(
         kappa: Of what comes before [1/s].
         load_x: Of what comes before, in x [m/s].
         load_y: Of what comes before, in y [m/s].
-        work: Scratch; columns 2 and 3 then hold u [m] in rows 0, 1, ...
+        work: Scratch, records of `WORK`; `com` then is u [m].
     """
     n = last - first
-    work[: n + 1, :4] = 0.0
-    work[0, 0], work[0, 2], work[0, 3] = kappa, load_x, load_y
+    for k in range(n + 1):
+        clear(work[k])
+    work[0].diagonal, work[0].com[0], work[0].com[1] = kappa, load_x, load_y
     for k in range(n):
         piece = table[first + k]
-        if int(piece[r.KIND]) == DOUBLE and not minjerk:
-            rate = 1.0 / piece[r.DURATION]
-            work[k, 0] += rate
-            work[k + 1, 0] += rate
-            work[k, 1] = -rate
+        if piece.kind == DOUBLE and not minjerk:
+            rate = 1.0 / piece.duration
+            work[k].diagonal += rate
+            work[k + 1].diagonal += rate
+            work[k].beside = -rate
         else:
             fill_particular(piece, omega, minjerk)
             add_pendulum(piece, omega, work[k], work[k + 1])
     stop = fill_start(table[last], omega, minjerk)
     x, y = weight_point(table[last], 0)
-    work[n, 0] += stop
-    work[n, 2] += stop * x
-    work[n, 3] += stop * y
+    work[n].diagonal += stop
+    work[n].com[0] += stop * x
+    work[n].com[1] += stop * y
     solve(work, n + 1)
     for k in range(n):
         place(table[first + k], work[k], work[k + 1], minjerk)
-    place_start(table[last], work[n, 2], work[n, 3])
+    place_start(table[last], work[n].com)
     reverse(table[last])
 
 
 @kernel
-def fill_particular(piece: np.ndarray, omega: float, minjerk: bool) -> None:
+def fill_particular(piece: Record, omega: float, minjerk: bool) -> None:
     """Fill the polynomial CoM of a phase, as `pattern` derives it from its ZMP."""
-    angle = omega * piece[r.DURATION]
-    piece[r.INVERSE_SINH] = 1.0 / math.sinh(angle)
+    angle = omega * piece.duration
+    piece.inverse_sinh = 1.0 / math.sinh(angle)
     a_2 = 1.0 / (angle * angle)
     a_4 = a_2 * a_2
     ends_0, ends_1 = weight_point(piece, 0), weight_point(piece, 1)
     for axis in range(2):
-        q = piece[r.CURVE_X + 8 * axis : r.CURVE_X + 8 * axis + 8]
+        q = piece.curve[axis]
         p = ends_0[axis]
         q[0], q[1], q[2], q[3], q[4], q[5] = p, 0.0, 0.0, 0.0, 0.0, 0.0
-        if int(piece[r.KIND]) == DOUBLE:
+        if piece.kind == DOUBLE:
             d = ends_1[axis] - p
             q[0] = p - 360.0 * d * a_4
             q[1] = 60.0 * d * a_2 + 720.0 * d * a_4
@@ -315,21 +312,19 @@ def fill_particular(piece: np.ndarray, omega: float, minjerk: bool) -> None:
 
 
 @kernel
-def add_pendulum(
-    piece: np.ndarray, omega: float, here: np.ndarray, there: np.ndarray
-) -> None:
+def add_pendulum(piece: Record, omega: float, here: Record, there: Record) -> None:
     """Add the link of a phase that is a pendulum to the system."""
-    S = piece[r.DURATION]
-    b = omega * piece[r.INVERSE_SINH]
+    S = piece.duration
+    b = omega * piece.inverse_sinh
     a = omega / math.tanh(omega * S)
-    here[0] += a
-    there[0] += a
-    here[1] = -b
+    here.diagonal += a
+    there.diagonal += a
+    here.beside = -b
     for axis in range(2):
-        q = piece[r.CURVE_X + 8 * axis : r.CURVE_X + 8 * axis + 8]
+        q = piece.curve[axis]
         q_1, dq_1 = polynomial_end(q)
-        here[2 + axis] += q[1] / S + a * q[0] - b * q_1
-        there[2 + axis] += -dq_1 / S + a * q_1 - b * q[0]
+        here.com[axis] += q[1] / S + a * q[0] - b * q_1
+        there.com[axis] += -dq_1 / S + a * q_1 - b * q[0]
 
 
 @kernel
@@ -340,29 +335,34 @@ def polynomial_end(q: np.ndarray) -> tuple[float, float]:
 
 
 @kernel
-def solve(work: np.ndarray, n: int) -> None:
-    """Solve the tridiagonal system: diagonal, off-diagonal, two right sides."""
-    for k in range(1, n):
-        share = work[k - 1, 1] / work[k - 1, 0]
-        work[k, 0] -= share * work[k - 1, 1]
-        work[k, 2] -= share * work[k - 1, 2]
-        work[k, 3] -= share * work[k - 1, 3]
-    for k in range(n - 1, -1, -1):
-        for axis in range(2, 4):
-            if k < n - 1:
-                work[k, axis] -= work[k, 1] * work[k + 1, axis]
-            work[k, axis] /= work[k, 0]
+def clear(work: Record) -> None:
+    """Set a row of the system to zero."""
+    work.diagonal = work.beside = work.com[0] = work.com[1] = 0.0
 
 
 @kernel
-def place(
-    piece: np.ndarray, here: np.ndarray, there: np.ndarray, minjerk: bool
-) -> None:
+def solve(work: np.ndarray, n: int) -> None:
+    """Solve the tridiagonal system: diagonal, off-diagonal, two right sides."""
+    for k in range(1, n):
+        before = work[k - 1]
+        share = before.beside / before.diagonal
+        work[k].diagonal -= share * before.beside
+        work[k].com[0] -= share * before.com[0]
+        work[k].com[1] -= share * before.com[1]
+    for k in range(n - 1, -1, -1):
+        for axis in range(2):
+            if k < n - 1:
+                work[k].com[axis] -= work[k].beside * work[k + 1].com[axis]
+            work[k].com[axis] /= work[k].diagonal
+
+
+@kernel
+def place(piece: Record, here: Record, there: Record, minjerk: bool) -> None:
     """Fill the rest of a phase's curves from the CoM at its ends."""
-    straight = int(piece[r.KIND]) == DOUBLE and not minjerk
+    straight = piece.kind == DOUBLE and not minjerk
     for axis in range(2):
-        q = piece[r.CURVE_X + 8 * axis : r.CURVE_X + 8 * axis + 8]
-        c_0, c_1 = here[2 + axis], there[2 + axis]
+        q = piece.curve[axis]
+        c_0, c_1 = here.com[axis], there.com[axis]
         if straight:
             q[0], q[1] = c_0, c_1 - c_0
         else:
@@ -370,14 +370,14 @@ def place(
 
 
 @kernel
-def fill_start(piece: np.ndarray, omega: float, minjerk: bool) -> float:
+def fill_start(piece: Record, omega: float, minjerk: bool) -> float:
     """Fill a start over a unit distance from 0; return its end speed kappa [1/s]."""
-    S, q = piece[r.DURATION], piece[r.CURVE_X : r.CURVE_X + 8]
+    S, q = piece.duration, piece.curve[0]
     q[:] = 0.0
     if not minjerk:
         eta = START_SPEED
         q[3], q[4], q[5] = 10.0 - 4.0 * eta, 7.0 * eta - 15.0, 6.0 - 3.0 * eta
-        piece[r.CURVE_Y : r.CURVE_Y + 8] = q
+        piece.curve[1] = q
         return eta / S
     angle = omega * S
     a_2 = 1.0 / (angle * angle)
@@ -391,26 +391,26 @@ def fill_start(piece: np.ndarray, omega: float, minjerk: bool) -> float:
     way += q[7]
     speed = slope / S + omega * (q[7] * cosh - q[6]) / sinh
     q /= way
-    piece[r.INVERSE_SINH] = 1.0 / sinh
-    piece[r.CURVE_Y : r.CURVE_Y + 8] = q
+    piece.inverse_sinh = 1.0 / sinh
+    piece.curve[1] = q
     return speed / way
 
 
 @kernel
-def place_start(piece: np.ndarray, u_x: float, u_y: float) -> None:
+def place_start(piece: Record, u: np.ndarray) -> None:
     """Scale the unit start of a phase to a way from the middle of the feet to u."""
     middle = weight_point(piece, 0)
     for axis in range(2):
-        q = piece[r.CURVE_X + 8 * axis : r.CURVE_X + 8 * axis + 8]
-        q *= (u_x if axis == 0 else u_y) - middle[axis]
+        q = piece.curve[axis]
+        q *= u[axis] - middle[axis]
         q[0] += middle[axis]
 
 
 @kernel
-def reverse(piece: np.ndarray) -> None:
+def reverse(piece: Record) -> None:
     """Make the curves of a phase run backward in time."""
     for axis in range(2):
-        q = piece[r.CURVE_X + 8 * axis : r.CURVE_X + 8 * axis + 8]
+        q = piece.curve[axis]
         for i in range(5):
             for j in range(4, i - 1, -1):
                 q[j] += q[j + 1]

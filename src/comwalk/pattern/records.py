@@ -1,9 +1,8 @@
 """References and phases of a pattern as records of plain numbers, for kernels.
 
 What is computed in every tick, or for thousands of robots at once, has no objects: a
-reference is one record of `REFERENCE`, and a pattern is a table with one row of
-`PHASE_SIZE` numbers per phase. All in SI units, radians and world axes, as in
-`Reference`. Feet are 0 left and 1 right.
+reference is one record of `REFERENCE`, and a pattern a table of `PHASE`. All in SI
+units, radians and world axes, as in `Reference`. Feet are 0 left and 1 right.
 """
 
 from __future__ import annotations
@@ -39,41 +38,86 @@ REFERENCE = np.dtype(
 )
 """What a pattern asks for at one time."""
 
-# A phase.
+PHASE = np.dtype(
+    [
+        ("start", "f8"),  # when it starts [s]
+        ("duration", "f8"),  # how long it lasts, S [s]
+        ("kind", "i8"),  # `Phase` as a number
+        ("landed", "i8"),  # number of footsteps that have landed
+        ("bases", "i8", 2),  # foot of the base limb, first and second half
+        ("loads", "f8", 2),  # load of the left foot at its start and end [-]
+        ("blends", "f8", 2),  # `Reference.walking` at its start and end [-]
+        ("curve", "f8", (2, 8)),  # a_0 .. a_5, r_0, r_1 of the CoM in x and y [m]
+        ("inverse_sinh", "f8"),  # 1 / sinh(omega_n S), 0 without hyperbolic part [-]
+        ("swinging", "i8"),  # the foot that swings, or -1
+        ("resting", "f8", (2, 3)),  # x, y [m], yaw [rad] of the feet at its start
+        ("travel", "f8", 3),  # way of the swing foot in x and y [m], its turn [rad]
+        ("clearance", "f8"),  # height of the swing foot in the middle [m]
+        ("turn", "f8", 4),  # cubic of the heading, highest power first [rad, s]
+        ("turn_start", "f8"),  # time at which the argument of the cubic is 0 [s]
+        ("turn_end", "f8"),  # time after which the heading rests [s]
+    ]
+)
+"""One phase of a pattern; a pattern is an array of them in order of time."""
 
-START = 0
-"""When it starts [s]."""
-DURATION = 1
-"""How long it lasts, S [s]."""
-KIND = 2
-"""`pattern.Phase` as a number."""
-LANDED = 3
-"""Number of footsteps that have landed."""
-BASES = 4
-"""First of two: foot of the base limb in its first and in its second half."""
-LOADS = 6
-"""First of two: load of the left foot at its start and its end [-]."""
-BLENDS = 8
-"""First of two: `Reference.walking` at its start and its end [-]."""
-CURVE_X = 10
-"""First of eight: a_0 .. a_5, r_0, r_1 of the CoM in x [m]."""
-CURVE_Y = 18
-"""First of eight: the same in y."""
-INVERSE_SINH = 26
-"""1 / sinh(omega_n S), or 0 where no curve has a hyperbolic part [-]."""
-SWINGING = 27
-"""The foot that swings, or -1."""
-RESTING = 28
-"""First of six: x, y [m], yaw [rad] of the left and of the right foot at its start."""
-TRAVEL = 34
-"""First of three: way of the swing foot in x and y [m], and its turn [rad]."""
-CLEARANCE = 37
-"""Height of the swing foot in the middle [m]."""
-TURN = 38
-"""First of four: the cubic of the heading, its highest power first [rad, s]."""
-TURN_START = 42
-"""Time at which the argument of the cubic is 0 [s]."""
-TURN_END = 43
-"""Time after which the heading rests [s]."""
-PHASE_SIZE = 44
-"""Numbers of a phase."""
+STEP = np.dtype(
+    [
+        ("foot", "i8"),  # the one that swings
+        ("pose", "f8", 3),  # where it lands: x, y [m], yaw [rad]
+        ("single", "f8"),  # duration of the single support [s]
+        ("double", "f8"),  # duration of the double support before it [s]
+        ("clearance", "f8"),  # of the swing foot [m]
+    ]
+)
+"""A footstep."""
+
+WORK = np.dtype(
+    [
+        ("diagonal", "f8"),  # of the tridiagonal system that links the phases [1/s]
+        ("beside", "f8"),  # its next element in the row [1/s]
+        ("com", "f8", 2),  # right side [m/s], then the CoM at a phase's start [m]
+        ("knot", "f8"),  # a knot of the heading [s]
+        ("yaw", "f8"),  # the heading there [rad]
+        ("rate", "f8"),  # its rate [rad/s]
+    ]
+)
+"""Scratch of one phase while a pattern is made."""
+
+COMMAND = np.dtype(
+    [
+        ("length", "f8"),  # of a step, 2 B [m]
+        ("shift", "f8"),  # sideways, of the body per step [m]
+        ("turn", "f8"),  # of the body per step [rad]
+        ("width", "f8"),  # half of the distance between the feet, A [m]
+        ("single", "f8"),  # single support [s]
+        ("double", "f8"),  # double support [s]
+        ("clearance", "f8"),  # of the swing foot [m]
+        ("start", "f8"),  # time of starting [s]
+        ("stop", "f8"),  # time of stopping [s]
+        ("walk", "b1"),  # whether to walk
+        ("given", "b1"),  # whether the next foothold is given
+        ("foothold", "f8", 3),  # then, where: x, y [m], yaw [rad]
+        ("ahead", "i8"),  # steps planned beyond the one being made
+        ("least", "f8"),  # shortest rest of a phase that is changed [s]
+        ("minjerk", "b1"),  # whether the ZMP crosses by minimum jerk
+        ("omega", "f8"),  # omega_n [rad/s]
+        ("height", "f8"),  # c_z [m]
+        ("sole", "f8", 2),  # length and width [m]
+        ("first", "i8"),  # foot that swings first
+    ]
+)
+"""What an `OnlinePattern` is told to walk."""
+
+ONLINE = np.dtype(
+    [
+        ("rows", "i8"),  # phases of the table that are in use
+        ("knot", "f8"),  # last knot of the heading [s]
+        ("knot_yaw", "f8"),  # the heading there [rad]
+        ("single", "f8"),  # of the last step that landed: its single support [s]
+        ("double", "f8"),  # its double support [s]
+        ("clearance", "f8"),  # its clearance [m]
+        ("feet", "f8", (2, 3)),  # scratch: x, y [m], yaw [rad] of the feet
+        ("step", STEP, 1),  # scratch: the step that is being planned
+    ]
+)
+"""Where an `OnlinePattern` is."""

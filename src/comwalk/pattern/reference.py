@@ -20,7 +20,6 @@ import numpy as np
 
 from ..compiled import Record, kernel
 from ..sides import Side
-from . import records as r
 from .swing import VERTICAL_SHARE, FootMotion
 
 
@@ -214,7 +213,7 @@ def fill_reference(
     """Write the reference at one time into a record.
 
     Args:
-        table: The phases in order, (k, `rows.PHASE_SIZE`), as `Pattern.table` is.
+        table: The phases in order, records of `PHASE`, as `Pattern.table` is.
         omega: Natural frequency omega_n [rad/s].
         height: Height of the CoM [m].
         time: Time [s], finite. Before the first phase and after the last one the robot
@@ -222,20 +221,20 @@ def fill_reference(
         reference: Where to write, a record of `REFERENCE`.
     """
     piece = table[phase_at(table, time)]
-    S = piece[r.DURATION]
-    s = min(max(time - piece[r.START], 0.0), S)
+    S = piece.duration
+    s = min(max(time - piece.start, 0.0), S)
     tau = s / S if S > 0.0 else 0.0
     blend = minimum_jerk(tau)[0]
     reference.time = time
     reference.com[2] = height
     reference.com_velocity[2] = reference.com_acceleration[2] = 0.0
     fill_com(piece, s, omega, reference)
-    reference.phase, reference.step = piece[r.KIND], piece[r.LANDED]
-    reference.support = piece[r.BASES + 1] if tau >= 0.5 else piece[r.BASES]
-    load, walking = piece[r.LOADS], piece[r.BLENDS]
-    reference.left_load = load + (piece[r.LOADS + 1] - load) * blend
-    reference.walking = walking + (piece[r.BLENDS + 1] - walking) * blend
-    fill_heading(piece, piece[r.START] + s, reference)
+    reference.phase, reference.step = piece.kind, piece.landed
+    reference.support = piece.bases[1] if tau >= 0.5 else piece.bases[0]
+    load, walking = piece.loads[0], piece.blends[0]
+    reference.left_load = load + (piece.loads[1] - load) * blend
+    reference.walking = walking + (piece.blends[1] - walking) * blend
+    fill_heading(piece, piece.start + s, reference)
     fill_feet(piece, s, reference)
 
 
@@ -258,7 +257,7 @@ def phase_at(table: np.ndarray, time: float) -> int:
     low, high = 0, len(table)
     while low < high:
         middle = (low + high) // 2
-        if time < table[middle, r.START]:
+        if time < table[middle].start:
             high = middle
         else:
             low = middle + 1
@@ -277,15 +276,15 @@ def minimum_jerk(s: float) -> tuple[float, float]:
 
 
 @kernel
-def fill_com(piece: np.ndarray, s: float, omega: float, reference: Record) -> None:
+def fill_com(piece: Record, s: float, omega: float, reference: Record) -> None:
     """Write CoM and ZMP of a phase, Eqs. (4), (5), (9), (10), s [s] after its start."""
-    S, scale = piece[r.DURATION], piece[r.INVERSE_SINH]
+    S, scale = piece.duration, piece.inverse_sinh
     u, v = omega * (S - s), omega * s
     su = sv = cu = cv = 0.0
     if scale != 0.0:
         su, sv, cu, cv = math.sinh(u), math.sinh(v), math.cosh(u), math.cosh(v)
     for axis in range(2):
-        a = piece[r.CURVE_X + 8 * axis : r.CURVE_X + 8 * axis + 8]
+        a = piece.curve[axis]
         q, dq, ddq = a[0], 0.0, 0.0
         if S > 0.0:
             x = s / S
@@ -301,37 +300,37 @@ def fill_com(piece: np.ndarray, s: float, omega: float, reference: Record) -> No
 
 
 @kernel
-def fill_heading(piece: np.ndarray, time: float, reference: Record) -> None:
+def fill_heading(piece: Record, time: float, reference: Record) -> None:
     """Write the heading of a phase at a time [s] into a record."""
-    begin, end = piece[r.TURN_START], piece[r.TURN_END]
+    begin, end = piece.turn_start, piece.turn_end
     s = min(max(time, begin), end) - begin
-    a, b, c, d = piece[r.TURN], piece[r.TURN + 1], piece[r.TURN + 2], piece[r.TURN + 3]
+    a, b, c, d = piece.turn[0], piece.turn[1], piece.turn[2], piece.turn[3]
     reference.heading = ((a * s + b) * s + c) * s + d
     reference.heading_rate = (3.0 * a * s + 2.0 * b) * s + c
 
 
 @kernel
-def fill_feet(piece: np.ndarray, s: float, reference: Record) -> None:
+def fill_feet(piece: Record, s: float, reference: Record) -> None:
     """Write both feet of a phase at the time s after its start [s] into a record."""
     for k in range(2):
-        foot, pose = reference.feet[k], r.RESTING + 3 * k
-        foot.position[0], foot.position[1] = piece[pose], piece[pose + 1]
-        foot.position[2], foot.yaw = 0.0, piece[pose + 2]
+        foot, pose = reference.feet[k], piece.resting[k]
+        foot.position[0], foot.position[1] = pose[0], pose[1]
+        foot.position[2], foot.yaw = 0.0, pose[2]
         foot.velocity[0] = foot.velocity[1] = foot.velocity[2] = foot.yaw_rate = 0.0
-    swinging = int(piece[r.SWINGING])
+    swinging = piece.swinging
     if swinging < 0:
         return
-    S, height = piece[r.DURATION], piece[r.CLEARANCE]
+    S, height = piece.duration, piece.clearance
     x = s / S
     h, dh = minimum_jerk((x - VERTICAL_SHARE) / _MIDDLE)
     dh /= _MIDDLE * S
     bow = x * (1.0 - x)
     foot = reference.feet[swinging]
     for i in range(2):
-        foot.position[i] += h * piece[r.TRAVEL + i]
-        foot.velocity[i] = dh * piece[r.TRAVEL + i]
-    foot.yaw += h * piece[r.TRAVEL + 2]
-    foot.yaw_rate = dh * piece[r.TRAVEL + 2]
+        foot.position[i] += h * piece.travel[i]
+        foot.velocity[i] = dh * piece.travel[i]
+    foot.yaw += h * piece.travel[2]
+    foot.yaw_rate = dh * piece.travel[2]
     foot.position[2] = height * (64.0 * bow**3)
     foot.velocity[2] = height * (192.0 * bow * bow * (1.0 - 2.0 * x) / S)
 

@@ -6,98 +6,67 @@ import math
 
 import numpy as np
 
-from ..compiled import kernel
+from ..compiled import Record, kernel
+from ..handles import records_at
 from . import phases as p
-from . import records as r
 from .placement import MAX_STRIDE, MAX_TOE
+from .records import COMMAND, ONLINE, PHASE, REFERENCE, WORK
 from .reference import DOUBLE, STAND, START, STOP, fill_reference
 from .turns import collect_knots, mean_yaw, set_turn, set_turns, wrapped
 
-_LENGTH, _SHIFT, _TURN, _WIDTH = 0, 1, 2, 3  # of a step: 2 B, sideways, turn, A
-
-
-_SINGLE, _DOUBLE, _CLEARANCE, _START, _STOP = 4, 5, 6, 7, 8  # times and height
-
-
-_WALK, _GIVEN, _GIVEN_POSE = 9, 10, 11  # whether to walk, one foothold of one's own
-
-
-_AHEAD, _LEAST, _MINJERK, _OMEGA, _SOLE, _FIRST = 14, 15, 16, 17, 18, 20
-
-
-_COMMAND_SIZE = 21
-
-
-_ROWS, _KNOT, _KNOT_YAW = 0, 1, 2  # rows of the table in use, last knot of the heading
-
-
-_LAST_SINGLE, _LAST_DOUBLE, _LAST_CLEARANCE = 3, 4, 5  # of the last step that landed
-
-
-_STATE_SIZE = 6
-
 
 @kernel
-def advance(
-    table: np.ndarray,
-    state: np.ndarray,
-    command: np.ndarray,
-    work: np.ndarray,
-    time: float,
-    height: float,
-    references: np.ndarray,
-) -> bool:
+def advance(handle: np.ndarray, time: float) -> bool:
     """Go on to a time and write its reference into a record, or to a landing before it.
 
     Args:
-        table: The phases from now on.
-        state: How many they are, and the last knot of the heading.
-        command: What is to be walked.
-        work: Scratch, two rows more than the table.
+        handle: The phases from now on; one `ONLINE`, one `COMMAND`; scratch, as many
+            records of `WORK` as phases; the record of `REFERENCE` to write.
         time: Time [s], not before the last one.
-        height: Height of the CoM [m].
-        references: Where to write, one record of `REFERENCE`.
 
     Returns:
         Whether a foot has just landed: then the record is not written yet.
     """
-    while state[_ROWS] > 1.0 and time >= table[1, r.START]:
+    table, work = records_at(handle, 0, PHASE), records_at(handle, 3, WORK)
+    state, command = records_at(handle, 1, ONLINE)[0], records_at(handle, 2, COMMAND)[0]
+    reference = records_at(handle, 4, REFERENCE)[0]
+    while state.rows > 1 and time >= table[1].start:
         landed = leave(table, state)
-        kind, begin = int(table[0, r.KIND]), table[0, r.START]
+        kind, begin = table[0].kind, table[0].start
         if kind == DOUBLE:
-            state[_KNOT_YAW] = mean_yaw(table[0], state[_KNOT_YAW])
-            state[_KNOT] = begin
+            state.knot_yaw = mean_yaw(table[0], state.knot_yaw)
+            state.knot = begin
         elif kind != STOP and kind != START:
             if kind != STAND:
-                command[_GIVEN] = 0.0
+                command.given = False
             replan(table, state, command, work, begin)
         if landed:
             return True
-    fill_reference(table[:1], command[_OMEGA], height, time, references[0])
+    fill_reference(table[:1], command.omega, command.height, time, reference)
     return False
 
 
 @kernel
-def leave(table: np.ndarray, state: np.ndarray) -> bool:
+def leave(table: np.ndarray, state: Record) -> bool:
     """Forget the phase that is over; return whether a foot landed at its end."""
-    landed = table[0, r.SWINGING] >= 0.0
+    landed = table[0].swinging >= 0
     if landed:
-        state[_LAST_SINGLE] = table[0, r.DURATION]
-        state[_LAST_CLEARANCE] = table[0, r.CLEARANCE]
-    elif int(table[0, r.KIND]) == DOUBLE:
-        state[_LAST_DOUBLE] = table[0, r.DURATION]
-    count = int(state[_ROWS])
+        state.single = table[0].duration
+        state.clearance = table[0].clearance
+    elif table[0].kind == DOUBLE:
+        state.double = table[0].duration
+    count = state.rows
     for i in range(count - 1):
         table[i] = table[i + 1]
-    state[_ROWS] = count - 1
+    state.rows = count - 1
     return landed
 
 
 @kernel
 def replan(
     table: np.ndarray,
-    state: np.ndarray,
-    command: np.ndarray,
+    state: Record,
+    command: Record,
     work: np.ndarray,
     time: float,
 ) -> bool:
@@ -107,7 +76,7 @@ def replan(
         table: The phases from now on.
         state: How many they are, and the last knot of the heading.
         command: What is to be walked.
-        work: Scratch, two rows more than the table.
+        work: Scratch, as many rows as the table.
         time: Time of now [s].
 
     Returns:
@@ -115,22 +84,22 @@ def replan(
     """
     kept = kept_rows(table, state, command, time)
     if kept == 0:
-        if int(table[0, r.KIND]) == STAND:
-            state[_ROWS] = 1.0
+        if table[0].kind == STAND:
+            state.rows = 1
         return False
-    omega, minjerk = command[_OMEGA], command[_MINJERK] != 0.0
-    if int(table[0, r.KIND]) == STAND:
+    omega, minjerk = command.omega, command.minjerk
+    if table[0].kind == STAND:
         begin_walk(table, state, command, time)
-    double = int(table[kept - 1, r.KIND]) == DOUBLE
+    double = table[kept - 1].kind == DOUBLE
     pivot = kept if double else kept - 1
-    since = max(time - table[pivot, r.START], 0.0)
-    stop = add_steps(table, kept, command, work)
-    state[_ROWS] = stop + 2
-    if int(table[0, r.KIND]) == STAND:
+    since = max(time - table[pivot].start, 0.0)
+    stop = add_steps(table, kept, state, command)
+    state.rows = stop + 2
+    if table[0].kind == STAND:
         kappa = p.fill_start(table[1], omega, minjerk)
         x, y = p.weight_point(table[1], 0)
         p.link(table, 2, stop, omega, minjerk, kappa, kappa * x, kappa * y, work)
-        p.place_start(table[1], work[0, 2], work[0, 3])
+        p.place_start(table[1], work[0].com)
     else:
         if pivot > 0:
             fill_from_state(table[pivot - 1], table[pivot], omega)
@@ -140,81 +109,74 @@ def replan(
 
 
 @kernel
-def kept_rows(
-    table: np.ndarray, state: np.ndarray, command: np.ndarray, time: float
-) -> int:
+def kept_rows(table: np.ndarray, state: Record, command: Record, time: float) -> int:
     """Return how many phases stay as they are, or 0 if nothing can change."""
-    kind, count = int(table[0, r.KIND]), int(state[_ROWS])
+    kind, count = table[0].kind, state.rows
     if kind == STAND:
-        return 2 if command[_WALK] + command[_GIVEN] > 0.0 else 0
+        return 2 if command.walk or command.given else 0
     if kind == STOP:
         return 0
-    late = table[0, r.START] + table[0, r.DURATION] - time < command[_LEAST]
+    late = table[0].start + table[0].duration - time < command.least
     kept = 1 if kind == DOUBLE or not late else 2
     last = table[kept - 1]
-    ends = int(last[r.KIND]) == DOUBLE and last[r.LOADS + 1] == 0.5
+    ends = last.kind == DOUBLE and last.loads[1] == 0.5
     return 0 if ends or kept >= count else kept
 
 
 @kernel
-def begin_walk(
-    table: np.ndarray, state: np.ndarray, command: np.ndarray, time: float
-) -> None:
+def begin_walk(table: np.ndarray, state: Record, command: Record, time: float) -> None:
     """Write the start from rest after the row of standing."""
     stand = table[0]
-    begin = max(time, stand[r.START] + stand[r.DURATION])
-    stand[r.DURATION] = begin - stand[r.START]
-    base = 1.0 - command[_FIRST]
-    feet = stand[r.RESTING : r.RESTING + 6]
-    landed, yaw = stand[r.LANDED], stand[r.TURN + 3]
-    p.still(table[1], begin, command[_START], START, landed, base, 0.0, 1.0, feet)
-    stand[r.BASES] = stand[r.BASES + 1] = base
-    state[_KNOT], state[_KNOT_YAW] = begin, mean_yaw(stand, yaw)
+    begin = max(time, stand.start + stand.duration)
+    stand.duration = begin - stand.start
+    base = 1 - command.first
+    feet, landed, yaw = stand.resting, stand.landed, stand.turn[3]
+    p.still(table[1], begin, command.start, START, landed, base, 0.0, 1.0, feet)
+    stand.bases[0] = stand.bases[1] = base
+    state.knot, state.knot_yaw = begin, mean_yaw(stand, yaw)
     for row in range(2):
-        piece, yaw = table[row], state[_KNOT_YAW]
+        piece, yaw = table[row], state.knot_yaw
         set_turn(piece, begin, 1.0, yaw, 0.0, yaw, 0.0, begin)
 
 
 @kernel
-def add_steps(
-    table: np.ndarray, kept: int, command: np.ndarray, work: np.ndarray
-) -> int:
+def add_steps(table: np.ndarray, kept: int, state: Record, command: Record) -> int:
     """Write the steps after the phases that are kept; return the row of the stop."""
-    last = table[kept - 1]
-    kind = int(last[r.KIND])
-    feet, step, i = work[-1, :6], work[-2], kept
+    last, feet, step, i = table[kept - 1], state.feet, state.step[0], kept
+    kind = last.kind
     foot = feet_after(last, feet)
-    swinging = last[r.SWINGING]
-    step[4], step[5], step[6] = command[_SINGLE], command[_DOUBLE], command[_CLEARANCE]
-    ahead = int(command[_AHEAD]) + (0 if swinging >= 0.0 else 1)
-    walking = ahead - 1 if command[_WALK] != 0.0 else 0
-    body = body_beside(feet[3 - 3 * foot : 6 - 3 * foot], 1 - foot, command[_WIDTH])
+    swinging = last.swinging
+    step.single, step.clearance = command.single, command.clearance
+    step.double = command.double
+    ahead = command.ahead + (0 if swinging >= 0 else 1)
+    walking = ahead - 1 if command.walk else 0
+    body = body_beside(feet[1 - foot], 1 - foot, command.width)
     n = 0
     while True:
-        closing = n >= walking and not (n == 0 and command[_GIVEN] != 0.0)
+        closing = n >= walking and not (n == 0 and command.given)
         body = next_foothold(feet, foot, body, n, closing, command, step)
-        if closing and n + (swinging >= 0.0) > 0 and is_there(feet, foot, step):
+        if closing and n + (swinging >= 0) > 0 and is_there(feet[foot], step.pose):
             break
         if i > kept or kind != DOUBLE:
-            p.add_double(table, i, feet, float(1 - foot), command[_DOUBLE])
+            p.add_double(table, i, feet, 1 - foot, command.double)
             i += 1
         p.add_single(table, i, feet, step)
         i, n, foot = i + 1, n + 1, 1 - foot
         if closing:
             break
-    p.add_end(table, i, feet, command[_DOUBLE], command[_STOP], 0.0)
+    p.add_end(table, i, feet, command.double, command.stop, 0.0)
     return i + 1
 
 
 @kernel
-def feet_after(piece: np.ndarray, feet: np.ndarray) -> int:
+def feet_after(piece: Record, feet: np.ndarray) -> int:
     """Write where the feet are when a phase ends; return which one swings next."""
-    feet[:] = piece[r.RESTING : r.RESTING + 6]
-    swinging = int(piece[r.SWINGING])
+    feet[:, :] = piece.resting
+    swinging = piece.swinging
     if swinging < 0:
-        return 1 - int(piece[r.BASES + 1])
+        return 1 - piece.bases[1]
     for k in range(3):
-        feet[3 * swinging + k] += piece[r.TRAVEL + k]
+        feet[swinging, k] += piece.travel[k]
     return 1 - swinging
 
 
@@ -235,89 +197,85 @@ def next_foothold(
     body: tuple[float, float, float],
     n: int,
     closing: bool,
-    command: np.ndarray,
-    step: np.ndarray,
+    command: Record,
+    step: Record,
 ) -> tuple[float, float, float]:
     """Write where a foot goes next into a step; return where the body is then."""
-    step[0] = foot
-    if n == 0 and command[_GIVEN] != 0.0:
-        step[1:4] = command[_GIVEN_POSE : _GIVEN_POSE + 3]
-        return body_beside(step[1:4], foot, command[_WIDTH])
+    step.foot, at = foot, step.pose
+    if n == 0 and command.given:
+        at[:] = command.foothold
+        return body_beside(at, foot, command.width)
     x, y, yaw = body
     if not closing:
-        leading = 0 if command[_SHIFT] > 0.0 else 1
-        shift = 2.0 * command[_SHIFT] if foot == leading else 0.0
-        half = yaw + 0.5 * command[_TURN]
-        cos, sin, ahead = math.cos(half), math.sin(half), command[_LENGTH]
+        leading = 0 if command.shift > 0.0 else 1
+        shift = 2.0 * command.shift if foot == leading else 0.0
+        half = yaw + 0.5 * command.turn
+        cos, sin, ahead = math.cos(half), math.sin(half), command.length
         x, y = x + cos * ahead - sin * shift, y + sin * ahead + cos * shift
-        yaw += command[_TURN]
-    across = command[_WIDTH] if foot == 0 else -command[_WIDTH]
-    step[1], step[2] = x - math.sin(yaw) * across, y + math.cos(yaw) * across
-    step[3] = yaw
-    if shorten(feet, foot, step, command):
-        return body_beside(step[1:4], foot, command[_WIDTH])
+        yaw += command.turn
+    across = command.width if foot == 0 else -command.width
+    at[0], at[1] = x - math.sin(yaw) * across, y + math.cos(yaw) * across
+    at[2] = yaw
+    if shorten(feet, foot, at, command):
+        return body_beside(at, foot, command.width)
     return x, y, yaw
 
 
 @kernel
-def is_there(feet: np.ndarray, foot: int, step: np.ndarray) -> bool:
+def is_there(foot: np.ndarray, at: np.ndarray) -> bool:
     """Return whether a foot already stands where a step would put it."""
-    at = 3 * foot
-    far = max(abs(feet[at] - step[1]), abs(feet[at + 1] - step[2]))
-    return max(far, abs(wrapped(feet[at + 2] - step[3]))) < 1e-9
+    far = max(abs(foot[0] - at[0]), abs(foot[1] - at[1]))
+    return max(far, abs(wrapped(foot[2] - at[2]))) < 1e-9
 
 
 @kernel
-def shorten(feet: np.ndarray, foot: int, step: np.ndarray, command: np.ndarray) -> bool:
+def shorten(feet: np.ndarray, foot: int, at: np.ndarray, command: Record) -> bool:
     """Move a foothold toward the place beside the other foot until it is walkable.
 
     Returns:
         Whether it had to be moved.
     """
-    if is_walkable(feet, foot, step, command):
+    if is_walkable(feet, foot, at, command):
         return False
-    at = 3 * (1 - foot)
-    x, y, yaw = feet[at], feet[at + 1], feet[at + 2]
+    x, y, yaw = feet[1 - foot, 0], feet[1 - foot, 1], feet[1 - foot, 2]
     cos, sin = math.cos(yaw), math.sin(yaw)
-    dx, dy = step[1] - x, step[2] - y
+    dx, dy = at[0] - x, at[1] - y
     ahead, across = cos * dx + sin * dy, cos * dy - sin * dx
-    turn = wrapped(step[3] - yaw)
-    beside = 2.0 * command[_WIDTH] * (1.0 if foot == 0 else -1.0)
+    turn = wrapped(at[2] - yaw)
+    beside = 2.0 * command.width * (1.0 if foot == 0 else -1.0)
     for k in range(1, 9):
         factor = 1.0 - 0.125 * k
         a, b = factor * ahead, beside + factor * (across - beside)
-        step[1], step[2] = x + cos * a - sin * b, y + sin * a + cos * b
-        step[3] = yaw + factor * turn
-        if is_walkable(feet, foot, step, command):
+        at[0], at[1] = x + cos * a - sin * b, y + sin * a + cos * b
+        at[2] = yaw + factor * turn
+        if is_walkable(feet, foot, at, command):
             break
     return True
 
 
 @kernel
-def is_walkable(
-    feet: np.ndarray, foot: int, step: np.ndarray, command: np.ndarray
-) -> bool:
+def is_walkable(feet: np.ndarray, foot: int, at: np.ndarray, command: Record) -> bool:
     """Return whether a step keeps the rules of `footsteps.FootstepPlan`."""
-    at, other = 3 * foot, 3 * (1 - foot)
-    dx, dy = step[1] - feet[at], step[2] - feet[at + 1]
-    turn = wrapped(step[3] - feet[at + 2])
-    x, y, yaw = feet[other], feet[other + 1], feet[other + 2]
-    ax, ay = step[1] - x, step[2] - y
+    own, other = feet[foot], feet[1 - foot]
+    dx, dy = at[0] - own[0], at[1] - own[1]
+    turn = wrapped(at[2] - own[2])
+    x, y, yaw = other[0], other[1], other[2]
+    ax, ay = at[0] - x, at[1] - y
     across = math.cos(yaw) * ay - math.sin(yaw) * ax
     sign = 1.0 if foot == 0 else -1.0
     if math.hypot(dx, dy) > MAX_STRIDE or math.hypot(ax, ay) > MAX_STRIDE:
         return False
-    if abs(wrapped(step[3] - yaw)) > MAX_TOE or sign * across <= 0.0:
+    if abs(wrapped(at[2] - yaw)) > MAX_TOE or sign * across <= 0.0:
         return False
     for k in range(11):
         s = 0.1 * k
         gap = sole_gap(
-            feet[at] + s * dx - x,
-            feet[at + 1] + s * dy - y,
+            own[0] + s * dx - x,
+            own[1] + s * dy - y,
             yaw,
-            feet[at + 2] + s * turn,
-            0.5 * command[_SOLE],
-            0.5 * command[_SOLE + 1],
+            own[2] + s * turn,
+            0.5 * command.sole[0],
+            0.5 * command.sole[1],
         )
         if gap <= 0.0:
             return False
@@ -351,23 +309,22 @@ def sole_gap(
 
 
 @kernel
-def given_is_walkable(table: np.ndarray, command: np.ndarray, work: np.ndarray) -> bool:
+def given_is_walkable(table: np.ndarray, state: Record, command: Record) -> bool:
     """Return whether the foothold of one's own can be stepped on."""
-    last, feet, step = table[0], work[-1, :6], work[-2]
-    kind = int(last[r.KIND])
+    last, feet = table[0], state.feet
+    kind = last.kind
     foot = feet_after(last, feet)
     rests = kind == STAND or kind == STOP
-    if rests or (kind == DOUBLE and last[r.LOADS + 1] == 0.5):
-        foot = int(command[_FIRST])
-    step[1:4] = command[_GIVEN_POSE : _GIVEN_POSE + 3]
-    return is_walkable(feet, foot, step, command)
+    if rests or (kind == DOUBLE and last.loads[1] == 0.5):
+        foot = command.first
+    return is_walkable(feet, foot, command.foothold, command)
 
 
 @kernel
-def end_state(piece: np.ndarray, axis: int, omega: float) -> tuple[float, float]:
+def end_state(piece: Record, axis: int, omega: float) -> tuple[float, float]:
     """Return CoM [m] and velocity [m/s] of one axis at the end of a phase."""
-    q = piece[r.CURVE_X + 8 * axis : r.CURVE_X + 8 * axis + 8]
-    S, csch = piece[r.DURATION], piece[r.INVERSE_SINH]
+    q = piece.curve[axis]
+    S, csch = piece.duration, piece.inverse_sinh
     c, slope = p.polynomial_end(q)
     v = slope / S
     if csch != 0.0:
@@ -377,14 +334,14 @@ def end_state(piece: np.ndarray, axis: int, omega: float) -> tuple[float, float]
 
 
 @kernel
-def fill_from_state(before: np.ndarray, piece: np.ndarray, omega: float) -> None:
+def fill_from_state(before: Record, piece: Record, omega: float) -> None:
     """Fill the curves of a single support from the end of the phase before it."""
-    angle = omega * piece[r.DURATION]
+    angle = omega * piece.duration
     sinh, cosh = math.sinh(angle), math.cosh(angle)
-    piece[r.INVERSE_SINH] = 1.0 / sinh
+    piece.inverse_sinh = 1.0 / sinh
     foot = p.weight_point(piece, 0)
     for axis in range(2):
-        q = piece[r.CURVE_X + 8 * axis : r.CURVE_X + 8 * axis + 8]
+        q = piece.curve[axis]
         c, v = end_state(before, axis, omega)
         q[:] = 0.0
         q[0] = foot[axis]
@@ -414,7 +371,7 @@ def shift(
         work: Scratch.
     """
     piece = table[pivot]
-    S = piece[r.DURATION]
+    S = piece.duration
     tau = S - since
     kappa = omega / math.tanh(0.5 * omega * tau)
     c_x, v_x = end_state(piece, 0, omega)
@@ -422,11 +379,11 @@ def shift(
     load_x, load_y = kappa * c_x - v_x, kappa * c_y - v_y
     p.link(table, pivot + 1, stop, omega, minjerk, kappa, load_x, load_y, work)
     rest, gone = math.cosh(omega * tau), math.cosh(omega * since)
-    piece[r.INVERSE_SINH] = 1.0 / math.sinh(omega * S)
+    piece.inverse_sinh = 1.0 / math.sinh(omega * S)
     for axis in range(2):
-        q = piece[r.CURVE_X + 8 * axis : r.CURVE_X + 8 * axis + 8]
+        q = piece.curve[axis]
         free = c_x if axis == 0 else c_y
-        delta = (work[0, 2 + axis] - free) / (1.0 - rest)
+        delta = (work[0].com[axis] - free) / (1.0 - rest)
         q[0] += delta
         q[6] -= delta * gone
         q[7] -= delta * rest
@@ -435,35 +392,36 @@ def shift(
 @kernel
 def turn(
     table: np.ndarray,
-    state: np.ndarray,
-    command: np.ndarray,
+    state: Record,
+    command: Record,
     last: int,
     time: float,
     work: np.ndarray,
 ) -> None:
     """Fill the headings anew, from the heading and its rate now on."""
     piece = table[0]
-    stands = int(piece[r.KIND]) == STAND
-    work[0, 4], work[0, 5] = state[_KNOT], state[_KNOT_YAW]
+    stands = piece.kind == STAND
+    first = work[0]
+    first.knot, first.yaw = state.knot, state.knot_yaw
     n = collect_knots(table, 2 if stands else 1, last, work)
     if stands:
-        work[0, 6] = 0.0
+        first.rate = 0.0
         set_turns(table, 2, last, n, work)
-        table[0, r.TURN_END] = table[1, r.TURN_END] = work[n - 1, 4]
+        table[0].turn_end = table[1].turn_end = work[n - 1].knot
         return
-    left = work[1, 4] - time
-    if left < command[_LEAST]:
-        work[1, 6] = heading_at(piece, work[1, 4])[1]
-    work[0, 4] = time
-    work[0, 5], work[0, 6] = heading_at(piece, time)
+    left = work[1].knot - time
+    if left < command.least:
+        work[1].rate = heading_at(piece, work[1].knot)[1]
+    first.knot = time
+    first.yaw, first.rate = heading_at(piece, time)
     set_turns(table, 0 if left > 1e-6 else 1, last, n, work)
-    piece[r.TURN_END] = work[n - 1, 4]
+    piece.turn_end = work[n - 1].knot
 
 
 @kernel
-def heading_at(piece: np.ndarray, time: float) -> tuple[float, float]:
+def heading_at(piece: Record, time: float) -> tuple[float, float]:
     """Return the heading [rad] of a phase at a time [s], and its rate [rad/s]."""
-    s = max(time - piece[r.TURN_START], 0.0)
-    a, b = piece[r.TURN], piece[r.TURN + 1]
-    c, d = piece[r.TURN + 2], piece[r.TURN + 3]
+    s = max(time - piece.turn_start, 0.0)
+    a, b = piece.turn[0], piece.turn[1]
+    c, d = piece.turn[2], piece.turn[3]
     return ((a * s + b) * s + c) * s + d, (3.0 * a * s + 2.0 * b) * s + c

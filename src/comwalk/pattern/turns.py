@@ -6,8 +6,7 @@ import math
 
 import numpy as np
 
-from ..compiled import kernel
-from . import records as r
+from ..compiled import Record, kernel
 from .reference import DOUBLE
 
 
@@ -18,9 +17,9 @@ def wrapped(angle: float) -> float:
 
 
 @kernel
-def mean_yaw(piece: np.ndarray, near: float) -> float:
+def mean_yaw(piece: Record, near: float) -> float:
     """Return the mean heading of the resting feet that is nearest to one [rad]."""
-    left, right = piece[r.RESTING + 2], piece[r.RESTING + 5]
+    left, right = piece.resting[0, 2], piece.resting[1, 2]
     mean = left + 0.5 * wrapped(right - left)
     return near + wrapped(mean - near)
 
@@ -31,14 +30,14 @@ def fill_turns(table: np.ndarray, first: int, last: int, work: np.ndarray) -> No
 
     Its knots are the landings; it rests until the first double support.
     """
-    yaw = mean_yaw(table[first], table[first, r.RESTING + 2])
+    yaw = mean_yaw(table[first], table[first].resting[0, 2])
     if first > 0:
-        yaw = mean_yaw(table[first], table[first - 1, r.TURN + 3])
-    work[0, 4], work[0, 5] = table[first + 1, r.START], yaw
+        yaw = mean_yaw(table[first], table[first - 1].turn[3])
+    work[0].knot, work[0].yaw = table[first + 1].start, yaw
     n = collect_knots(table, first + 2, last, work)
-    work[0, 6] = work[n - 1, 6] = 0.0
+    work[0].rate = work[n - 1].rate = 0.0
     for row in range(first, first + 2):
-        set_turn(table[row], work[0, 4], 1.0, yaw, 0.0, yaw, 0.0, work[n - 1, 4])
+        set_turn(table[row], work[0].knot, 1.0, yaw, 0.0, yaw, 0.0, work[n - 1].knot)
     set_turns(table, first + 2, last, n, work)
 
 
@@ -50,20 +49,20 @@ def collect_knots(table: np.ndarray, first: int, last: int, work: np.ndarray) ->
         table: The phases.
         first: The row from which on knots are looked for.
         last: The row of standing at the end, which is the last knot.
-        work: Columns 4, 5, 6: time [s], yaw [rad], rate [rad/s]; knot 0 is there.
+        work: Scratch, records of `WORK`; knot 0 is there.
     """
     n = 1
     for i in range(first, last + 1):
-        if int(table[i, r.KIND]) == DOUBLE or i == last:
-            work[n, 4] = table[i, r.START]
-            work[n, 5] = mean_yaw(table[i], work[n - 1, 5])
+        if table[i].kind == DOUBLE or i == last:
+            work[n].knot = table[i].start
+            work[n].yaw = mean_yaw(table[i], work[n - 1].yaw)
             n += 1
     for k in range(1, n - 1):
-        h_0, h_1 = work[k, 4] - work[k - 1, 4], work[k + 1, 4] - work[k, 4]
-        m_0 = (work[k, 5] - work[k - 1, 5]) / h_0
-        m_1 = (work[k + 1, 5] - work[k, 5]) / h_1
-        work[k, 6] = monotone_slope(h_0, h_1, m_0, m_1)
-    work[n - 1, 6] = 0.0
+        before, here, behind = work[k - 1], work[k], work[k + 1]
+        h_0, h_1 = here.knot - before.knot, behind.knot - here.knot
+        m_0, m_1 = (here.yaw - before.yaw) / h_0, (behind.yaw - here.yaw) / h_1
+        here.rate = monotone_slope(h_0, h_1, m_0, m_1)
+    work[n - 1].rate = 0.0
     return n
 
 
@@ -81,17 +80,18 @@ def set_turns(
     table: np.ndarray, first: int, last: int, n: int, work: np.ndarray
 ) -> None:
     """Write the cubics between n knots into the rows from `first` to `last`."""
-    k, end = 0, work[n - 1, 4]
+    k, end = 0, work[n - 1].knot
     for i in range(first, last + 1):
-        while k < n - 2 and table[i, r.START] >= work[k + 1, 4]:
+        while k < n - 2 and table[i].start >= work[k + 1].knot:
             k += 1
         a, b = work[k], work[k + 1]
-        set_turn(table[i], a[4], b[4] - a[4], a[5], a[6], b[5], b[6], end)
+        span = b.knot - a.knot
+        set_turn(table[i], a.knot, span, a.yaw, a.rate, b.yaw, b.rate, end)
 
 
 @kernel
 def set_turn(
-    piece: np.ndarray,
+    piece: Record,
     start: float,
     length: float,
     yaw_0: float,
@@ -102,7 +102,7 @@ def set_turn(
 ) -> None:
     """Write the cubic of a phase's heading from its values at two ends."""
     mean = (yaw_1 - yaw_0) / length
-    piece[r.TURN] = (rate_0 + rate_1 - 2.0 * mean) / (length * length)
-    piece[r.TURN + 1] = (3.0 * mean - 2.0 * rate_0 - rate_1) / length
-    piece[r.TURN + 2], piece[r.TURN + 3] = rate_0, yaw_0
-    piece[r.TURN_START], piece[r.TURN_END] = start, end
+    piece.turn[0] = (rate_0 + rate_1 - 2.0 * mean) / (length * length)
+    piece.turn[1] = (3.0 * mean - 2.0 * rate_0 - rate_1) / length
+    piece.turn[2], piece.turn[3] = rate_0, yaw_0
+    piece.turn_start, piece.turn_end = start, end

@@ -53,7 +53,7 @@ class Pattern:
     """The simplified model that links CoM and ZMP."""
 
     table: np.ndarray
-    """All phases, (k, `PHASE_SIZE`), as `fill_reference` reads them. Read-only."""
+    """All phases, records of `PHASE`, as `fill_reference` reads them. Read-only."""
 
     def __repr__(self) -> str:
         """Name the size of the plan."""
@@ -62,7 +62,7 @@ class Pattern:
     @property
     def duration(self) -> float:
         """Time from the first to the last moment of standing [s]."""
-        return float(self.table[-1, r.START] + self.table[-1, r.DURATION])
+        return float(self.table["start"][-1] + self.table["duration"][-1])
 
     @cached_property
     def phases(self) -> tuple[PhaseSpan, ...]:
@@ -70,12 +70,12 @@ class Pattern:
         sides = tuple(Side)
         return tuple(
             PhaseSpan(
-                row[r.START],
-                row[r.DURATION],
-                Phase(int(row[r.KIND])),
-                sides[int(row[r.BASES + 1])],
+                float(row["start"]),
+                float(row["duration"]),
+                Phase(int(row["kind"])),
+                sides[row["bases"][1]],
             )
-            for row in self.table.tolist()
+            for row in self.table
         )
 
     def at(self, time: float) -> Reference:
@@ -174,7 +174,7 @@ class Pattern:
         omega, jump = self.pendulum.omega, 0.0
         a, b = np.zeros(2, r.REFERENCE)
         for before, after in zip(self.table, self.table[1:], strict=False):
-            fill_com(before, float(before[r.DURATION]), omega, a)
+            fill_com(before, float(before["duration"]), omega, a)
             fill_com(after, 0.0, omega, b)
             for name in ("com", "com_velocity"):
                 jump = max(jump, float(np.abs(a[name] - b[name])[:2].max()))
@@ -182,11 +182,11 @@ class Pattern:
 
     def _hull(self, k: int) -> np.ndarray:
         """Return the hull of the soles on the ground in the k-th phase."""
-        feet = self.table[k, r.RESTING : r.RESTING + 6].reshape(2, 3)
+        feet = self.table["resting"][k]
         left, right = (
             rectangle(x, y, yaw, self.plan.sole_size) for x, y, yaw in feet.tolist()
         )
-        kind = int(self.table[k, r.KIND])
+        kind = int(self.table["kind"][k])
         if kind in (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT):
             return left if kind == Phase.SINGLE_LEFT else right
         return convex_hull(np.concatenate([left, right]))

@@ -32,8 +32,7 @@ from ..embedding import (
     wanted_at,
 )
 from ..handles import floats_at, records_at
-from ..pattern import REFERENCE, fill_reference
-from ..pattern import records as r
+from ..pattern import PHASE, REFERENCE, fill_reference
 from .action import dance_at, keeps_limits, plan_torques, set_points, want
 from .measurement import measure
 from .records import DANCE, JOINT, RULES, STATE
@@ -92,7 +91,7 @@ class Arrays(NamedTuple):
     guard: np.ndarray
     """One record of `GUARD`."""
     table: np.ndarray
-    """The pattern's phases, flat; empty if references come from elsewhere."""
+    """The pattern's phases, `PHASE`; empty if references come from elsewhere."""
     pendulum: np.ndarray
     """omega_n [rad/s] and height [m] of the pattern's pendulum."""
 
@@ -107,11 +106,13 @@ AT_PAST, AT_WATCH, AT_GUARD, AT_TABLE, AT_PENDULUM = range(19, 24)
 @kernel
 def look_up(handle: np.ndarray, time: float) -> None:
     """Write the reference at a time [s], if the pattern's phases are known here."""
-    table, pendulum = floats_at(handle, AT_TABLE), floats_at(handle, AT_PENDULUM)
+    table, pendulum = (
+        records_at(handle, AT_TABLE, PHASE),
+        floats_at(handle, AT_PENDULUM),
+    )
     if len(table):
-        phases = table.reshape((len(table) // r.PHASE_SIZE, r.PHASE_SIZE))
         reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
-        fill_reference(phases, pendulum[0], pendulum[1], time, reference)
+        fill_reference(table, pendulum[0], pendulum[1], time, reference)
 
 
 @kernel

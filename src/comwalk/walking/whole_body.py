@@ -385,7 +385,7 @@ class WholeBodyTicker:
             )
         if isinstance(pattern, Pattern):
             pendulum = np.array([pattern.pendulum.omega, pattern.pendulum.height])
-            table = np.ascontiguousarray(pattern.table).ravel()
+            table = np.ascontiguousarray(pattern.table)
             arrays = arrays._replace(table=table, pendulum=pendulum)
         self.arrays = arrays
         """All that a tick reads and writes."""

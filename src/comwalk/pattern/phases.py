@@ -267,20 +267,20 @@ def link(
     n = last - first
     for k in range(n + 1):
         clear(work[k])
-    work[0].diagonal, work[0].com[0], work[0].com[1] = kappa, load_x, load_y
+    work[0].diag, work[0].com[0], work[0].com[1] = kappa, load_x, load_y
     for k in range(n):
         piece = table[first + k]
         if piece.kind == DOUBLE and not minjerk:
             rate = 1.0 / piece.duration
-            work[k].diagonal += rate
-            work[k + 1].diagonal += rate
+            work[k].diag += rate
+            work[k + 1].diag += rate
             work[k].beside = -rate
         else:
             fill_particular(piece, omega, minjerk)
             add_pendulum(piece, omega, work[k], work[k + 1])
     stop = fill_start(table[last], omega, minjerk)
     x, y = weight_point(table[last], 0)
-    work[n].diagonal += stop
+    work[n].diag += stop
     work[n].com[0] += stop * x
     work[n].com[1] += stop * y
     solve(work, n + 1)
@@ -317,8 +317,8 @@ def add_pendulum(piece: Record, omega: float, here: Record, there: Record) -> No
     S = piece.duration
     b = omega * piece.inverse_sinh
     a = omega / math.tanh(omega * S)
-    here.diagonal += a
-    there.diagonal += a
+    here.diag += a
+    there.diag += a
     here.beside = -b
     for axis in range(2):
         q = piece.curve[axis]
@@ -337,23 +337,23 @@ def polynomial_end(q: np.ndarray) -> tuple[float, float]:
 @kernel
 def clear(work: Record) -> None:
     """Set a row of the system to zero."""
-    work.diagonal = work.beside = work.com[0] = work.com[1] = 0.0
+    work.diag = work.beside = work.com[0] = work.com[1] = 0.0
 
 
 @kernel
 def solve(work: np.ndarray, n: int) -> None:
-    """Solve the tridiagonal system: diagonal, off-diagonal, two right sides."""
+    """Solve the tridiagonal system: diag, off-diag, two right sides."""
     for k in range(1, n):
         before = work[k - 1]
-        share = before.beside / before.diagonal
-        work[k].diagonal -= share * before.beside
+        share = before.beside / before.diag
+        work[k].diag -= share * before.beside
         work[k].com[0] -= share * before.com[0]
         work[k].com[1] -= share * before.com[1]
     for k in range(n - 1, -1, -1):
         for axis in range(2):
             if k < n - 1:
                 work[k].com[axis] -= work[k].beside * work[k + 1].com[axis]
-            work[k].com[axis] /= work[k].diagonal
+            work[k].com[axis] /= work[k].diag
 
 
 @kernel

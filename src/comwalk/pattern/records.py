@@ -73,7 +73,10 @@ STEP = np.dtype(
 
 WORK = np.dtype(
     [
-        ("diagonal", "f8"),  # of the tridiagonal system that links the phases [1/s]
+        (
+            "diag",
+            "f8",
+        ),  # diagonal of the tridiagonal system that links the phases [1/s]
         ("beside", "f8"),  # its next element in the row [1/s]
         ("com", "f8", 2),  # right side [m/s], then the CoM at a phase's start [m]
         ("knot", "f8"),  # a knot of the heading [s]

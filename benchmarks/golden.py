@@ -58,7 +58,7 @@ def _commanded(robot: str) -> Columns:
         cw.default_pendulum(model),
         duration=8.0,
         driver=drive,
-        sole_size=parts["sole_size"](model),
+        sole_size=getattr(model, "sole_size", None) or parts["sole_size"](model),
     )
     period = control.period
     body = parts["WholeBody"](model, period, None, control.body)

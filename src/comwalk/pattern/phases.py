@@ -342,7 +342,7 @@ def clear(work: Record) -> None:
 
 @kernel
 def solve(work: np.ndarray, n: int) -> None:
-    """Solve the tridiagonal system: diag, off-diag, two right sides."""
+    """Solve the tridiagonal system: diagonal, off-diagonal, two right sides."""
     for k in range(1, n):
         before = work[k - 1]
         share = before.beside / before.diag

@@ -19,13 +19,13 @@ from scipy.linalg import solve_discrete_are
 import comwalk as cw
 from comwalk.compiled import kernel
 from comwalk.pattern import (
-    COM,
-    PHASE_SIZE,
-    ROW_SIZE,
-    WORK_COLUMNS,
+    PHASE,
+    REFERENCE,
+    STEP,
+    WORK,
     OnlinePattern,
     fill_plan,
-    fill_reference,
+    fill_references,
 )
 from comwalk.sides import Side
 
@@ -48,11 +48,11 @@ def planning(rounds: int) -> list[dict[str, Any]]:
     for n in STEPS:
         plan = cw.plan_steps(gait, n)
         calls[f"compiled {n}"] = _compiled_plan(plan, pendulum.omega)
-        calls[f"Python {n}"] = lambda k, plan=plan: cw.make_pattern(plan, pendulum)
+        calls[f"objects {n}"] = lambda k, plan=plan: cw.make_pattern(plan, pendulum)
     found = interleaved(calls, "compiled 1", rounds=rounds)
     rows = []
     for n in STEPS:
-        row = {key: found[f"{key} {n}"]["median"] for key in ("compiled", "Python")}
+        row = {key: found[f"{key} {n}"]["median"] for key in ("compiled", "objects")}
         rows.append({"steps": n, **row})
     return rows
 
@@ -77,17 +77,18 @@ def _compiled_plan(plan: cw.FootstepPlan, omega: float) -> Callable[[int], Any]:
     steps = np.array(
         [
             (
-                0.0 if step.side is Side.LEFT else 1.0,
-                *(step.x, step.y, step.yaw),
+                0 if step.side is Side.LEFT else 1,
+                (step.x, step.y, step.yaw),
                 *(step.single_support, step.double_support, step.swing_height),
             )
             for step in plan.steps
-        ]
+        ],
+        STEP,
     )
     stands = np.full(len(steps), -1.0)
-    table = np.empty((2 * len(steps) + 5, PHASE_SIZE))
-    work = np.empty((len(table), WORK_COLUMNS))
-    feet = np.ravel([(foot.x, foot.y, foot.yaw) for foot in (plan.left, plan.right)])
+    table = np.zeros(2 * len(steps) + 5, PHASE)
+    work = np.zeros(len(table), WORK)
+    feet = np.array([(foot.x, foot.y, foot.yaw) for foot in (plan.left, plan.right)])
     times = np.array([plan.stand_time, plan.start_time, plan.stop_time])
 
     def fill(k: int) -> np.ndarray:
@@ -111,32 +112,23 @@ def others(rounds: int) -> list[dict[str, Any]]:
     }
     if importlib.util.find_spec("quadprog"):
         ways["QP-MPC, quadprog, a QP each 0.1 s"] = predictive(pendulum.omega)
-    ours, rows = "closed form, compiled", np.zeros((len(times), ROW_SIZE))
+    ours, rows = "closed form, compiled", np.zeros(len(times), REFERENCE)
     fill = _compiled_plan(plan, pendulum.omega)
 
     def closed_form(k: int) -> np.ndarray:
         table = fill(k)
-        return _sampled(table, pendulum.omega, pendulum.height, times, rows)
+        fill_references(table, pendulum.omega, pendulum.height, times, rows)
+        return rows["com"][:, :2]
 
     calls: dict[str, Callable[[int], Any]] = {ours: closed_form}
-    calls["closed form, Python"] = lambda k: cw.make_pattern(plan, pendulum).sample(
+    calls["closed form, as objects"] = lambda k: cw.make_pattern(plan, pendulum).sample(
         times
     )
     calls |= {name: lambda k, way=way: way(zmp) for name, way in ways.items()}
     away = {name: float(np.abs(way(zmp) - com).max()) for name, way in ways.items()}
-    away[ours] = float(np.abs(closed_form(0)[:, COM : COM + 2] - com).max())
+    away[ours] = float(np.abs(closed_form(0) - com).max())
     spread = interleaved(calls, ours, rounds=rounds)
     return [{"name": name, "away": away.get(name), **spread[name]} for name in calls]
-
-
-@kernel
-def _sampled(
-    table: np.ndarray, omega: float, height: float, times: np.ndarray, rows: np.ndarray
-) -> np.ndarray:
-    """Fill the references at many times."""
-    for k in range(len(times)):
-        fill_reference(table, omega, height, times[k], rows[k])
-    return rows
 
 
 def _cart(omega: float, dt: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

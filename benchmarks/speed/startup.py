@@ -16,12 +16,12 @@ from pathlib import Path
 
 _FIRST_STEP = """
 import os, sys, time
-from comwalk.simulator import SimulatedRobot
-def start(plant, command):
+from comwalk.walking import MujocoLink
+def read(link):
     print(time.time() - float(sys.argv[1]), time.process_time())
     sys.stdout.flush()
     os._exit(0)
-SimulatedRobot.start = start
+MujocoLink.read = read
 from comwalk.cli import main
 main(["walk", *sys.argv[2:]])
 """

@@ -173,7 +173,7 @@ def ways(section: Row) -> str:
 def plans(section: Row) -> str:
     """Return how planning grows with the steps."""
     lines = [
-        [f"{row['steps']:,}", _time(row["compiled"]), _time(row["Python"])]
+        [f"{row['steps']:,}", _time(row["compiled"]), _time(row["objects"])]
         for row in section["plans"]
     ]
     return table(["steps", "compiled, on arrays [us]", "`make_pattern` [us]"], lines)

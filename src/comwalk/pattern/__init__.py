@@ -30,6 +30,8 @@ if TYPE_CHECKING:
     from .polygon import share_between as share_between
     from .records import PHASE as PHASE
     from .records import REFERENCE as REFERENCE
+    from .records import STEP as STEP
+    from .records import WORK as WORK
     from .reference import Phase as Phase
     from .reference import Reference as Reference
     from .reference import fill_reference as fill_reference

@@ -88,7 +88,8 @@ def _record_of(step: Footstep) -> tuple[Any, ...]:
 def fill_standing(table: np.ndarray, duration: float, feet: np.ndarray) -> None:
     """Fill the first row of a table: standing, from time 0 on."""
     piece, yaw = table[0], feet[0, 2]
-    still(piece, 0.0, duration, STAND, 0, 0, 0.0, 0.0, feet)
+    landed, base = piece.landed, piece.bases[0]
+    still(piece, 0.0, duration, STAND, landed, base, 0.0, 0.0, feet)
     yaw = mean_yaw(piece, yaw)
     set_turn(piece, 0.0, 1.0, yaw, 0.0, yaw, 0.0, 1.0)
 
@@ -158,15 +159,17 @@ def still(
 ) -> None:
     """Write a phase in which both feet bear the same and the CoM rests between them."""
     piece.inverse_sinh = piece.clearance = 0.0
-    piece.curve[:, :] = 0.0
-    piece.travel[:] = 0.0
+    for k in range(8):
+        piece.curve[0, k] = piece.curve[1, k] = 0.0
     piece.start, piece.duration = start, duration
     piece.kind, piece.landed = kind, landed
     piece.bases[0] = piece.bases[1] = base
     piece.loads[0] = piece.loads[1] = 0.5
     piece.blends[0], piece.blends[1] = walking_0, walking_1
     piece.swinging = -1
-    piece.resting[:, :] = feet
+    for k in range(3):
+        piece.travel[k] = 0.0
+        piece.resting[0, k], piece.resting[1, k] = feet[0, k], feet[1, k]
     piece.curve[0, 0], piece.curve[1, 0] = weight_point(piece, 0)
 
 
@@ -371,13 +374,13 @@ def place(piece: Record, here: Record, there: Record, minjerk: bool) -> None:
 
 @kernel
 def fill_start(piece: Record, omega: float, minjerk: bool) -> float:
-    """Fill a start over a unit distance from 0; return its end speed kappa [1/s]."""
+    """Fill a start over a unit distance, as x; return its end speed kappa [1/s]."""
     S, q = piece.duration, piece.curve[0]
-    q[:] = 0.0
+    for k in range(8):
+        q[k] = 0.0
     if not minjerk:
         eta = START_SPEED
         q[3], q[4], q[5] = 10.0 - 4.0 * eta, 7.0 * eta - 15.0, 6.0 - 3.0 * eta
-        piece.curve[1] = q
         return eta / S
     angle = omega * S
     a_2 = 1.0 / (angle * angle)
@@ -390,9 +393,9 @@ def fill_start(piece: Record, omega: float, minjerk: bool) -> float:
     way, slope = polynomial_end(q)
     way += q[7]
     speed = slope / S + omega * (q[7] * cosh - q[6]) / sinh
-    q /= way
+    for k in range(8):
+        q[k] /= way
     piece.inverse_sinh = 1.0 / sinh
-    piece.curve[1] = q
     return speed / way
 
 
@@ -400,10 +403,12 @@ def fill_start(piece: Record, omega: float, minjerk: bool) -> float:
 def place_start(piece: Record, u: np.ndarray) -> None:
     """Scale the unit start of a phase to a way from the middle of the feet to u."""
     middle = weight_point(piece, 0)
+    for k in range(8):
+        unit = piece.curve[0, k]
+        for axis in range(2):
+            piece.curve[axis, k] = unit * (u[axis] - middle[axis])
     for axis in range(2):
-        q = piece.curve[axis]
-        q *= u[axis] - middle[axis]
-        q[0] += middle[axis]
+        piece.curve[axis, 0] += middle[axis]
 
 
 @kernel

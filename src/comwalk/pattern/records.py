@@ -2,7 +2,8 @@
 
 What is computed in every tick, or for thousands of robots at once, has no objects: a
 reference is one record of `REFERENCE`, and a pattern a table of `PHASE`. All in SI
-units, radians and world axes, as in `Reference`. Feet are 0 left and 1 right.
+units, radians and world axes, as in `Reference`. Feet are 0 left and 1 right. Records
+are aligned, since a kernel is compiled anew for arrays that are not.
 """
 
 from __future__ import annotations
@@ -15,7 +16,8 @@ FOOT = np.dtype(
         ("yaw", "f8"),  # [rad]
         ("velocity", "f8", 3),  # [m/s]
         ("yaw_rate", "f8"),  # [rad/s]
-    ]
+    ],
+    align=True,
 )
 """Where a foot is to be, and how it moves."""
 
@@ -34,7 +36,8 @@ REFERENCE = np.dtype(
         ("walking", "f8"),  # 0 standing to 1 walking [-]
         ("step", "i8"),  # number of footsteps that have landed
         ("feet", FOOT, 2),
-    ]
+    ],
+    align=True,
 )
 """What a pattern asks for at one time."""
 
@@ -56,7 +59,8 @@ PHASE = np.dtype(
         ("turn", "f8", 4),  # cubic of the heading, highest power first [rad, s]
         ("turn_start", "f8"),  # time at which the argument of the cubic is 0 [s]
         ("turn_end", "f8"),  # time after which the heading rests [s]
-    ]
+    ],
+    align=True,
 )
 """One phase of a pattern; a pattern is an array of them in order of time."""
 
@@ -67,7 +71,8 @@ STEP = np.dtype(
         ("single", "f8"),  # duration of the single support [s]
         ("double", "f8"),  # duration of the double support before it [s]
         ("clearance", "f8"),  # of the swing foot [m]
-    ]
+    ],
+    align=True,
 )
 """A footstep."""
 
@@ -82,7 +87,8 @@ WORK = np.dtype(
         ("knot", "f8"),  # a knot of the heading [s]
         ("yaw", "f8"),  # the heading there [rad]
         ("rate", "f8"),  # its rate [rad/s]
-    ]
+    ],
+    align=True,
 )
 """Scratch of one phase while a pattern is made."""
 
@@ -107,7 +113,8 @@ COMMAND = np.dtype(
         ("height", "f8"),  # c_z [m]
         ("sole", "f8", 2),  # length and width [m]
         ("first", "i8"),  # foot that swings first
-    ]
+    ],
+    align=True,
 )
 """What an `OnlinePattern` is told to walk."""
 
@@ -121,6 +128,7 @@ ONLINE = np.dtype(
         ("clearance", "f8"),  # its clearance [m]
         ("feet", "f8", (2, 3)),  # scratch: x, y [m], yaw [rad] of the feet
         ("step", STEP, 1),  # scratch: the step that is being planned
-    ]
+    ],
+    align=True,
 )
 """Where an `OnlinePattern` is."""

@@ -335,10 +335,11 @@ def fill_feet(piece: Record, s: float, reference: Record) -> None:
     foot.velocity[2] = height * (192.0 * bow * bow * (1.0 - 2.0 * x) / S)
 
 
-STAND, START, DOUBLE = int(Phase.STAND), int(Phase.START), int(Phase.DOUBLE)
-
-
-SINGLE_LEFT, SINGLE_RIGHT = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
-
-
-STOP = int(Phase.STOP)
+# Not of Python's int, of which a kernel would be compiled for each value.
+STAND, START, DOUBLE = (
+    np.int64(Phase.STAND),
+    np.int64(Phase.START),
+    np.int64(Phase.DOUBLE),
+)
+SINGLE_LEFT, SINGLE_RIGHT = np.int64(Phase.SINGLE_LEFT), np.int64(Phase.SINGLE_RIGHT)
+STOP = np.int64(Phase.STOP)

@@ -171,7 +171,8 @@ def add_steps(table: np.ndarray, kept: int, state: Record, command: Record) -> i
 @kernel
 def feet_after(piece: Record, feet: np.ndarray) -> int:
     """Write where the feet are when a phase ends; return which one swings next."""
-    feet[:, :] = piece.resting
+    for k in range(3):
+        feet[0, k], feet[1, k] = piece.resting[0, k], piece.resting[1, k]
     swinging = piece.swinging
     if swinging < 0:
         return 1 - piece.bases[1]
@@ -203,7 +204,8 @@ def next_foothold(
     """Write where a foot goes next into a step; return where the body is then."""
     step.foot, at = foot, step.pose
     if n == 0 and command.given:
-        at[:] = command.foothold
+        for k in range(3):
+            at[k] = command.foothold[k]
         return body_beside(at, foot, command.width)
     x, y, yaw = body
     if not closing:
@@ -343,7 +345,8 @@ def fill_from_state(before: Record, piece: Record, omega: float) -> None:
     for axis in range(2):
         q = piece.curve[axis]
         c, v = end_state(before, axis, omega)
-        q[:] = 0.0
+        for k in range(8):
+            q[k] = 0.0
         q[0] = foot[axis]
         q[6] = c - foot[axis]
         q[7] = cosh * q[6] + sinh * v / omega

@@ -32,7 +32,6 @@ from .reference import (
     Samples,
     fill_com,
     fill_references,
-    phase_at,
     reference_of,
 )
 
@@ -98,7 +97,8 @@ class Pattern:
         checked = [checked_number("time", time, unit="s") for time in times]
         records = np.zeros(len(checked), r.REFERENCE)
         omega, height = self.pendulum.omega, self.pendulum.height
-        fill_references(self.table, omega, height, np.array(checked), records)
+        table = self.table if self.table.base is None else self.table.base
+        fill_references(table, omega, height, np.array(checked), records)
         return records
 
     def sample(self, times: np.ndarray | Sequence[float] | float) -> Samples:
@@ -135,7 +135,7 @@ class Pattern:
             Vertices [m], shape (k, 2), counter-clockwise, world.
         """
         time = checked_number("time", time, unit="s")
-        return self._hull(phase_at(self.table, float(time)))
+        return self._hull(self._phase_at(time))
 
     def hull_margin(self, times: np.ndarray | Sequence[float] | float) -> np.ndarray:
         """Return how deep the desired ZMP lies in the hull of the soles.
@@ -147,7 +147,7 @@ class Pattern:
             Distance to the nearest edge [m], shape (k,): negative outside.
         """
         found = self._fill(np.ravel(times).tolist())
-        phases = [phase_at(self.table, float(time)) for time in found["time"]]
+        phases = [self._phase_at(time) for time in found["time"]]
         hulls = {k: self._hull(k) for k in set(phases)}
         pairs = zip(phases, found["zmp"], strict=True)
         return np.array([polygon_margin(hulls[k], zmp) for k, zmp in pairs])
@@ -179,6 +179,11 @@ class Pattern:
             for name in ("com", "com_velocity"):
                 jump = max(jump, float(np.abs(a[name] - b[name])[:2].max()))
         return jump
+
+    def _phase_at(self, time: float) -> int:
+        """Return the number of the last phase that starts at a time or before."""
+        k = int(np.searchsorted(self.table["start"], time, side="right"))
+        return max(k - 1, 0)
 
     def _hull(self, k: int) -> np.ndarray:
         """Return the hull of the soles on the ground in the k-th phase."""
@@ -223,5 +228,6 @@ def make_pattern(plan: FootstepPlan, pendulum: Pendulum) -> Pattern:
         (8.2, 0.8)
     """
     table = plan_table(plan, pendulum)
-    table.setflags(write=False)
-    return Pattern(plan, pendulum, table)
+    view = table.view()  # kernels, which only read, know one kind of table
+    view.setflags(write=False)
+    return Pattern(plan, pendulum, view)

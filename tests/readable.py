@@ -6,14 +6,18 @@ the paper writes it; slow, and used by tests alone.
 
 from __future__ import annotations
 
+import copy
 import math
 from collections import deque
 from collections.abc import Sequence
 from types import SimpleNamespace
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 
+from comwalk.certificates.ideal_loop import zmp_error_from_com
+from comwalk.certificates.largest_errors import ramp_step
 from comwalk.control.filters import low_pass_coefficient
 from comwalk.control.gains import PAPER_GAINS, Gains, Pair
 from comwalk.control.guard import Watch
@@ -27,10 +31,10 @@ from comwalk.control.law import (
 from comwalk.control.loop import BodyTicker, Walkable, walk
 from comwalk.control.payload import RISE_TIME, WEIGHING_TIME
 from comwalk.control.plant import Command, Sensors
-from comwalk.control.sensing import Contact, Measurement, tilt_of, zmp_from_wrenches
+from comwalk.control.sensing import Contact, Measurement, zmp_from_wrenches
 from comwalk.control.settings import BodySettings, Control, SimulatorSettings
 from comwalk.embedding.motion import EmbeddedMotion
-from comwalk.embedding.rotations import level_error, yaw_of
+from comwalk.embedding.rotations import level_error
 from comwalk.embedding.solver import RateLimits, Resolver
 from comwalk.embedding.task import (
     CartesianMotion,
@@ -41,9 +45,9 @@ from comwalk.embedding.task import (
     Task,
 )
 from comwalk.errors import ParameterError, PlanError, checked_number
+from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.polygon import share_between
-from comwalk.pattern.reference import Phase, Reference
-from comwalk.pattern.swing import minimum_jerk
+from comwalk.pattern.reference import Phase, Reference, minimum_jerk
 from comwalk.pattern.walk_pattern import Pattern
 from comwalk.robot.kinematics import Kinematics
 from comwalk.robot.model import LEGS, Robot
@@ -871,7 +875,7 @@ class ReadableBody:
         y = p_y - load * y_l - (1.0 - load) * y_r
         wrench = (f_x, f_y, f_z, y * f_z, -x * f_z, x * f_y - y * f_x)
         shares = [load * w for w in wrench] + [(1.0 - load) * w for w in wrench]
-        carried = self._commanded.holding_forces(reference.com_acceleration)
+        carried = holding_forces(self._commanded, reference.com_acceleration)
         return carried[6:] - np.array(shares) @ posture.jacobian[3:15, 6:]
 
     def ticker(
@@ -897,3 +901,97 @@ def readable_run(
     log = Log(100_000, lambda: {**plant.snapshot(), **body.diagnostics()})
     outcome = walk(pattern, law, body, plant, on_tick=log.record, watch=watch)
     return SimpleNamespace(outcome=outcome, log=log)
+
+
+def tilt_of(orientation: np.ndarray) -> float:
+    """Return the angle between a frame's z axis and the vertical.
+
+    Args:
+        orientation: Quaternion wxyz, of shape (4,).
+
+    Returns:
+        Angle [rad] in [0, pi].
+    """
+    _, x, y, _ = orientation.tolist()
+    return 2.0 * math.asin(min(1.0, math.hypot(x, y)))
+
+
+def yaw_of(R: np.ndarray) -> float:
+    """Return the yaw of a rotation: the heading of its x axis on the ground.
+
+    Args:
+        R: Rotation matrix, of shape (3, 3).
+
+    Returns:
+        Angle [rad] in (-pi, pi].
+    """
+    return math.atan2(R[1, 0], R[0, 0])
+
+
+def rotation_log(R: np.ndarray) -> np.ndarray:
+    """Return the rotation vector of a rotation matrix, exact up to 180 degrees.
+
+    Args:
+        R: Rotation matrix, of shape (3, 3).
+
+    Returns:
+        Rotation vector [rad], angle in [0, pi], of shape (3,).
+    """
+    return level_error(0.0, R.T)
+
+
+def simulate_error_dynamics(
+    pendulum: Pendulum,
+    k_p: float,
+    k_c: float,
+    disturbance: np.ndarray,
+    dt: float,
+    initial: tuple[float, float] = (0.0, 0.0),
+) -> tuple[np.ndarray, np.ndarray]:
+    r"""Return the errors under a piecewise linear disturbance, Eqs. (33) and (34).
+
+    .. math:: \frac{k_p}{\omega_n^2} \ddot e_c + \dot e_c + (k_c - k_p) e_c = -\epsilon
+
+    integrated exactly (matrix exponential) on the state (e_c, e_c'), which avoids the
+    algebraic loop between u and p.
+
+    Args:
+        pendulum: Gives omega_n [rad/s].
+        k_p: ZMP gain [1/s], above 0.
+        k_c: CoM gain [1/s]; the loop need not be stable.
+        disturbance: eps at the sample times [m/s], linear between, of shape (n,).
+        dt: Sample time [s], above 0.
+        initial: e_c [m] and its rate [m/s] at the start.
+
+    Returns:
+        e_c and e_p [m] at the sample times, each of shape (n,).
+
+    """
+    h, eps = dt, np.asarray(disturbance, dtype=float)
+    F, G_0, G_1 = ramp_step(pendulum, k_p, k_c, h)
+    x = np.empty((len(eps), 2))
+    x[:1] = initial
+    for i in range(len(eps) - 1):
+        x[i + 1] = F @ x[i] + G_0 * eps[i] + G_1 * eps[i + 1]
+    return x[:, 0], zmp_error_from_com(k_p, k_c, x[:, 0], x[:, 1], eps)
+
+
+def holding_forces(kinematics: Kinematics, com_acceleration: np.ndarray) -> np.ndarray:
+    """Return the generalised forces that carry the body, ground forces excluded.
+
+    They belong to the configuration of the last `update` or `posture`. The whole body
+    is taken to accelerate like its CoM, as the simplified model (1)-(3) does.
+    """
+    model, forces = (
+        copy.copy(kinematics.robot.model),
+        np.empty(kinematics.data.qvel.size),
+    )
+    model.opt.gravity[:] -= com_acceleration
+    data = mujoco.MjData(model)
+    data.qpos[:] = kinematics.data.qpos
+    mujoco.mj_fwdPosition(model, data)
+    mujoco.mj_fwdVelocity(model, data)
+    mujoco.mj_rne(model, data, 0, forces)
+    if kinematics.robot.coupling is not None:
+        kinematics.robot.coupling.fold(forces)
+    return forces

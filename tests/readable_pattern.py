@@ -20,13 +20,21 @@ from comwalk.pattern.footsteps import (
     Foothold,
     FootstepPlan,
     foot_poses,
+    shortest_turn,
 )
 from comwalk.pattern.pendulum import Pendulum, zmp_of_motion
 from comwalk.pattern.phases import MIN_MINJERK, START_SPEED
 from comwalk.pattern.plan_edits import excerpt
 from comwalk.pattern.polygon import convex_hull, polygon_margin, rectangle
-from comwalk.pattern.reference import Phase, PhaseSpan, Reference, Samples
-from comwalk.pattern.swing import FootMotion, minimum_jerk, resting_foot, swing_foot
+from comwalk.pattern.reference import (
+    VERTICAL_SHARE,
+    FootMotion,
+    Phase,
+    PhaseSpan,
+    Reference,
+    Samples,
+    minimum_jerk,
+)
 from comwalk.sides import Side
 
 
@@ -659,3 +667,60 @@ def _mean_yaw(poses: np.ndarray) -> np.ndarray:
     left, right = poses[:, 0, 2], poses[:, 1, 2]
     turn = np.remainder(right - left + np.pi, 2 * np.pi) - np.pi
     return np.unwrap(left + turn / 2)
+
+
+def resting_foot(foothold: Foothold) -> FootMotion:
+    """Return a foot that stands still on the ground.
+
+    Args:
+        foothold: Where it stands.
+
+    Returns:
+        Its pose and zero velocity, as read-only arrays that may be shared.
+    """
+    position, velocity = np.array([foothold.x, foothold.y, 0.0]), np.zeros(3)
+    position.setflags(write=False)
+    velocity.setflags(write=False)
+    return FootMotion(position, foothold.yaw, velocity, 0.0)
+
+
+def swing_foot(
+    start: Foothold, end: Foothold, height: float, duration: float, time: float
+) -> FootMotion:
+    r"""Return where the swing foot is and how it moves.
+
+    .. math:: z = 64\, h_{max} s^3 (1-s)^3, \quad s = t / S
+
+    and x, y, yaw by `minimum_jerk` over the middle 96 % of the swing; the yaw turns
+    the short way. The path is twice continuously differentiable.
+
+    Args:
+        start: Foothold at lift-off.
+        end: Foothold at landing.
+        height: Clearance in the middle of the swing [m].
+        duration: Duration of the swing S [s], > 0.
+        time: Time since lift-off t [s]; held at 0 and S outside.
+
+    Returns:
+        Pose and velocity of the centre of the sole, world.
+
+    Raises:
+        ParameterError: If the time or the height is not finite, or the duration is
+            not positive.
+
+    Example:
+        >>> foot = swing_foot(Foothold(0, 0), Foothold(0.4, 0), 0.04, 0.8, 0.4)
+        >>> foot.position.round(6).tolist()
+        [0.2, 0.0, 0.04]
+    """
+    s = min(max(time / duration, 0.0), 1.0)
+    middle = 1.0 - 2.0 * VERTICAL_SHARE
+    h, dh = minimum_jerk((s - VERTICAL_SHARE) / middle)
+    dh /= middle * duration
+    bow = s * (1.0 - s)
+    z, dz = 64.0 * bow**3, 192.0 * bow * bow * (1.0 - 2.0 * s) / duration
+    dx, dy = end.x - start.x, end.y - start.y
+    turn = shortest_turn(start.yaw, end.yaw)
+    position = np.array([start.x + h * dx, start.y + h * dy, height * z])
+    velocity = np.array([dh * dx, dh * dy, height * dz])
+    return FootMotion(position, start.yaw + h * turn, velocity, dh * turn)

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from readable import simulate_error_dynamics
 
 from comwalk.certificates.bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.ensemble import (
@@ -16,7 +17,7 @@ from comwalk.certificates.ensemble import (
     fill_noise,
     monte_carlo,
 )
-from comwalk.certificates.largest_errors import simulate_error_dynamics, worst_case
+from comwalk.certificates.largest_errors import worst_case
 from comwalk.certificates.sampled_loop import SampledLoop
 from comwalk.control.gains import Gains
 from comwalk.control.law import ControlSettings, WalkingController

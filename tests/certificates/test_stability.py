@@ -7,6 +7,7 @@ import pytest
 import scipy.integrate
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from readable import simulate_error_dynamics
 
 from comwalk.certificates import ideal_loop as s
 from comwalk.certificates import largest_errors, pole_placement
@@ -255,7 +256,7 @@ def test_constant_disturbance_shifts_com_and_zmp_alike():
     """Eqs. (35), (36): e_c = e_p = -eps / (k_c - k_p) at rest."""
     for k_p, k_c in (X, Y):
         eps = np.full(400, 0.05)
-        e_c, e_p = largest_errors.simulate_error_dynamics(PAPER, k_p, k_c, eps, 0.02)
+        e_c, e_p = simulate_error_dynamics(PAPER, k_p, k_c, eps, 0.02)
         assert [e_c[-1], e_p[-1]] == pytest.approx([-0.05 / (k_c - k_p)] * 2, rel=1e-6)
 
 
@@ -265,9 +266,7 @@ def test_simulation_agrees_with_an_integrator():
     eps = rng.uniform(-0.05, 0.05, 21)
     t = dt * np.arange(21)
     A, B = s.error_dynamics(PAPER, *X)
-    e_c, e_p = largest_errors.simulate_error_dynamics(
-        PAPER, *X, eps, dt, initial=(0.02, -0.1)
-    )
+    e_c, e_p = simulate_error_dynamics(PAPER, *X, eps, dt, initial=(0.02, -0.1))
     state = np.array([e_c[0], e_p[0]])
     for i in range(20):
         slope = (eps[i + 1] - eps[i]) / dt
@@ -285,13 +284,9 @@ def test_simulation_agrees_with_an_integrator():
 def test_gains_out_of_the_region_diverge():
     """k_p >= k_c: the error grows without disturbance."""
     quiet = np.zeros(500)
-    e_c, _ = largest_errors.simulate_error_dynamics(
-        PAPER, 6.7, 6.6, quiet, 0.05, (0.01, 0.0)
-    )
+    e_c, _ = simulate_error_dynamics(PAPER, 6.7, 6.6, quiet, 0.05, (0.01, 0.0))
     assert abs(e_c[-1]) > 10 * abs(e_c[0])
-    e_c, _ = largest_errors.simulate_error_dynamics(
-        PAPER, 6.5, 6.6, quiet, 0.05, (0.01, 0.0)
-    )
+    e_c, _ = simulate_error_dynamics(PAPER, 6.5, 6.6, quiet, 0.05, (0.01, 0.0))
     assert abs(e_c[-1]) < 0.1 * abs(e_c[0])
 
 
@@ -392,7 +387,7 @@ def test_worst_case_is_reached(gains, a, b, output, bound, tolerance):
     assert np.abs(eps).max() <= a * (1 + 1e-9)
     assert np.abs(np.diff(eps)).max() <= b * worst.dt * (1 + 1e-6)
     k_p, k_c = gains
-    errors = largest_errors.simulate_error_dynamics(PAPER, k_p, k_c, eps, worst.dt)
+    errors = simulate_error_dynamics(PAPER, k_p, k_c, eps, worst.dt)
     reached = errors[0 if output == "com" else 1][-1]
     assert reached == pytest.approx(worst.bound, rel=1e-3)
 
@@ -425,7 +420,7 @@ def test_random_disturbances_stay_inside_the_bounds(gains):
         eps = np.zeros(1500)
         for i, sign in enumerate(signs[1:]):
             eps[i + 1] = min(max(eps[i] + 0.5 * 0.01 * sign, -0.05), 0.05)
-        e_c, e_p = largest_errors.simulate_error_dynamics(PAPER, k_p, k_c, eps, 0.01)
+        e_c, e_p = simulate_error_dynamics(PAPER, k_p, k_c, eps, 0.01)
         peak_c, peak_p = max(peak_c, *abs(e_c)), max(peak_p, *abs(e_p))
     assert 0.5 * com < peak_c <= com * (1 + 1e-3)
     assert 0.5 * zmp < peak_p <= zmp * (1 + 1e-3)
@@ -611,6 +606,6 @@ def test_other_bad_input():
     with pytest.raises(ParameterError, match='"com" or "zmp"'):
         largest_errors.worst_case(PAPER, *X, 0.05, 0.5, "cop")  # ty: ignore[invalid-argument-type]
     with pytest.raises(ParameterError, match="finite"):
-        largest_errors.simulate_error_dynamics(PAPER, *X, np.array([0.0, np.nan]), 0.01)
+        simulate_error_dynamics(PAPER, *X, np.array([0.0, np.nan]), 0.01)
     with pytest.raises(ParameterError, match="k_p"):
         s.zmp_error_from_com(0.0, 6.6, 0.0, 0.0, 0.0)

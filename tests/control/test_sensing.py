@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from readable import tilt_of
 from scipy.spatial.transform import Rotation
 
-from comwalk.control.sensing import Contact, ground_load, tilt_of, zmp_from_wrenches
+from comwalk.control.sensing import Contact, ground_load, zmp_from_wrenches
 from comwalk.embedding.rotations import rotation_yaw
 
 examples = settings(max_examples=60)

@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from comwalk.embedding.dances import BUILTIN_MOTIONS, builtin_motion
 from comwalk.embedding.motion import EmbeddedMotion, JointLimit, Motion, embed_in
 from comwalk.embedding.motion_checks import prepare_motion
-from comwalk.embedding.motion_edits import renamed, resampled, scaled, select
+from comwalk.embedding.motion_edits import renamed, scaled, select
 from comwalk.embedding.motion_files import load_motion, save_motion
 from comwalk.errors import MotionError, ParameterError
 
@@ -490,20 +490,6 @@ def test_scaled_changes_angles_about_a_posture_and_time():
 def test_scaled_refuses_factors_out_of_range(wrong):
     with pytest.raises(ParameterError, match=next(iter(wrong))):
         scaled(make(), **wrong)
-
-
-@pytest.mark.parametrize("loops", [False, True])
-def test_resampled_follows_the_motion(loops):
-    motion = make(loops=loops)
-    other = resampled(motion, 200.0)
-    assert other.times.size == 501
-    assert other.duration == motion.duration
-    assert other.loops is loops
-    for t in np.linspace(0, 2.5, 101):
-        np.testing.assert_allclose(other.at(t)[0], motion.at(t)[0], atol=1e-4)
-    with pytest.raises(ParameterError, match="rate must be"):
-        resampled(motion, 0)
-    assert resampled(motion, 0.001).times.size >= 2
 
 
 def test_select_keeps_order_and_lists_what_it_dropped():

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from readable import rotation_log
 from robots import jvrc, paper, posture_of, random_configuration, random_task
 
-from comwalk.embedding.rotations import rotation_log, rotation_yaw, shift, skew
+from comwalk.embedding.rotations import rotation_yaw, shift, skew
 from comwalk.embedding.solver import RateLimits, Resolver
 from comwalk.embedding.task import (
     CartesianMotion,

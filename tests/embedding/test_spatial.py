@@ -8,16 +8,15 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from readable import rotation_log, yaw_of
 from scipy.spatial.transform import Rotation
 
 from comwalk.embedding.rotations import (
     level_error,
     rotate_twist,
-    rotation_log,
     rotation_yaw,
     shift,
     skew,
-    yaw_of,
     yaw_of_quaternion,
 )
 

@@ -9,6 +9,7 @@ import mujoco
 import numpy as np
 import pytest
 from models import LEG, urdf, write
+from readable import holding_forces
 
 from comwalk.certificates.defaults import walk_pattern
 from comwalk.control.settings import SimulatorSettings
@@ -297,7 +298,7 @@ def test_forces_with_followers_do_the_same_work(coupled):
     """What carries the body does the power that lifting its CoM takes."""
     kinematics, rng = Kinematics(coupled), np.random.default_rng(4)
     posture = kinematics.posture(coupled.home)
-    forces = kinematics.holding_forces(np.zeros(3))
+    forces = holding_forces(kinematics, np.zeros(3))
     velocity = rng.normal(size=coupled.model.nv)
     velocity[3:6] = 0.0
     lift = (posture.jacobian[:3] @ velocity)[2]

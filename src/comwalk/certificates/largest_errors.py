@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import ParameterError, checked_number
 from ..pattern import Pendulum
-from .ideal_loop import Output, _check_gains, zmp_error_from_com
+from .ideal_loop import Output, _check_gains
 from .pole_placement import _second_order, poles
 
 
@@ -148,53 +148,6 @@ def ramp_step(
     M[0, 1], M[1, :3], M[2, 3] = 1.0, (-a_0, -a_1, -a_1), 1.0 / dt
     E = expm(M * dt)
     return E[:2, :2], E[:2, 2] - E[:2, 3], E[:2, 3]
-
-
-def simulate_error_dynamics(
-    pendulum: Pendulum,
-    k_p: float,
-    k_c: float,
-    disturbance: np.ndarray,
-    dt: float,
-    initial: tuple[float, float] = (0.0, 0.0),
-) -> tuple[np.ndarray, np.ndarray]:
-    r"""Return the errors under a piecewise linear disturbance, Eqs. (33) and (34).
-
-    .. math:: \frac{k_p}{\omega_n^2} \ddot e_c + \dot e_c + (k_c - k_p) e_c = -\epsilon
-
-    integrated exactly (matrix exponential) on the state (e_c, e_c'), which avoids the
-    algebraic loop between u and p.
-
-    Args:
-        pendulum: Gives omega_n [rad/s].
-        k_p: ZMP gain [1/s], above 0.
-        k_c: CoM gain [1/s]; the loop need not be stable.
-        disturbance: eps at the sample times [m/s], linear between, of shape (n,).
-        dt: Sample time [s], above 0.
-        initial: e_c [m] and its rate [m/s] at the start.
-
-    Returns:
-        e_c and e_p [m] at the sample times, each of shape (n,).
-
-    Raises:
-        ParameterError: If a gain, dt, the disturbance or the start is out of range.
-
-    Example:
-        >>> e_c, e_p = simulate_error_dynamics(Pendulum(), 3, 6.6, np.ones(500), 0.02)
-        >>> [round(float(e), 6) for e in (e_c[-1], e_p[-1])]
-        [-0.277778, -0.277778]
-    """
-    _check_gains(k_p, k_c)
-    h = checked_number("dt", dt, unit="s", low=0.0, open_low=True)
-    eps = np.asarray(disturbance, dtype=float)
-    if eps.ndim != 1 or not (np.isfinite(eps).all() and np.isfinite(initial).all()):
-        raise ParameterError("disturbance (n,) and initial (2,) must be finite numbers")
-    F, G_0, G_1 = ramp_step(pendulum, k_p, k_c, h)
-    x = np.empty((len(eps), 2))
-    x[:1] = initial
-    for i in range(len(eps) - 1):
-        x[i + 1] = F @ x[i] + G_0 * eps[i] + G_1 * eps[i + 1]
-    return x[:, 0], zmp_error_from_com(k_p, k_c, x[:, 0], x[:, 1], eps)
 
 
 class WorstCase(NamedTuple):

@@ -55,7 +55,6 @@ if TYPE_CHECKING:
     from .plant import random_bounded as random_bounded
     from .sensing import Contact as Contact
     from .sensing import Measurement as Measurement
-    from .sensing import tilt_of as tilt_of
     from .sensing import zmp_from_wrenches as zmp_from_wrenches
     from .settings import BodySettings as BodySettings
     from .settings import Control as Control

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -77,16 +76,3 @@ def zmp_from_wrenches(
     if not F_z > least_load:
         return None
     return np.array([-M_y / F_z, M_x / F_z])
-
-
-def tilt_of(orientation: np.ndarray) -> float:
-    """Return the angle between a frame's z axis and the vertical.
-
-    Args:
-        orientation: Quaternion wxyz, of shape (4,).
-
-    Returns:
-        Angle [rad] in [0, pi].
-    """
-    _, x, y, _ = orientation.tolist()
-    return 2.0 * math.asin(min(1.0, math.hypot(x, y)))

@@ -43,7 +43,6 @@ if TYPE_CHECKING:
     from .rotations import rotate_twist as rotate_twist
     from .rotations import rotation_yaw as rotation_yaw
     from .rotations import turn_to_level as turn_to_level
-    from .rotations import yaw_of as yaw_of
     from .rotations import yaw_of_quaternion as yaw_of_quaternion
     from .solver import RateLimits as RateLimits
     from .solver import Resolver as Resolver

@@ -129,25 +129,3 @@ def posture_angles(
     return np.array(
         [checked_number(f'angle of "{j}"', q, unit="rad") for j, q in named]
     )
-
-
-def resampled(motion: Motion, rate: float) -> Motion:
-    """Return a motion sampled evenly at about a rate.
-
-    Args:
-        motion: The motion.
-        rate: Samples per second [Hz], in (0, 10000]; adjusted so that the last
-            sample falls on the end of the motion.
-
-    Returns:
-        The motion of the new samples; its duration is unchanged.
-
-    Raises:
-        ParameterError: If the rate is out of range.
-    """
-    high = 1e4
-    rate = checked_number("rate", rate, unit="Hz", low=0.0, high=high, open_low=True)
-    n = max(round(motion.duration * rate), 3 if motion.loops else 1) + 1
-    times = np.linspace(0.0, motion.duration, n)
-    positions = np.array([motion.at(t)[0] for t in times.tolist()])
-    return replace(motion, times=times, positions=positions)

@@ -77,18 +77,6 @@ def rotation_yaw(yaw: float) -> np.ndarray:
     return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
-def rotation_log(R: np.ndarray) -> np.ndarray:
-    """Return the rotation vector of a rotation matrix, exact up to 180 degrees.
-
-    Args:
-        R: Rotation matrix, of shape (3, 3).
-
-    Returns:
-        Rotation vector [rad], angle in [0, pi], of shape (3,).
-    """
-    return level_error(0.0, R.T)
-
-
 def level_error(yaw: float, R: np.ndarray) -> np.ndarray:
     """Return the rotation vector that takes a frame to level with a given heading.
 
@@ -163,15 +151,3 @@ def yaw_of_quaternion(quaternion: np.ndarray) -> float:
     """
     w, x, y, z = quaternion.tolist()
     return math.atan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z))
-
-
-def yaw_of(R: np.ndarray) -> float:
-    """Return the yaw of a rotation: the heading of its x axis on the ground.
-
-    Args:
-        R: Rotation matrix, of shape (3, 3).
-
-    Returns:
-        Angle [rad] in (-pi, pi].
-    """
-    return math.atan2(R[1, 0], R[0, 0])

@@ -150,7 +150,7 @@ def still(
     piece: Record,
     start: float,
     duration: float,
-    kind: int,
+    kind: np.int64,
     landed: int,
     base: int,
     walking_0: float,

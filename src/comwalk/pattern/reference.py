@@ -20,7 +20,26 @@ import numpy as np
 
 from ..compiled import Record, kernel
 from ..sides import Side
-from .swing import VERTICAL_SHARE, FootMotion
+
+VERTICAL_SHARE = 0.02
+"""Share of the swing at each end in which the foot moves vertically only [-]."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FootMotion:
+    """Pose and velocity of the centre of a sole, which stays level."""
+
+    position: np.ndarray
+    """Centre of the sole [m], shape (3,), world; z = 0 on the ground."""
+
+    yaw: float
+    """Heading of the foot [rad], world."""
+
+    velocity: np.ndarray
+    """Velocity of the centre of the sole [m/s], shape (3,), world."""
+
+    yaw_rate: float
+    """Rate of the heading [rad/s]."""
 
 
 class Phase(IntEnum):
@@ -266,7 +285,20 @@ def phase_at(table: np.ndarray, time: float) -> int:
 
 @kernel
 def minimum_jerk(s: float) -> tuple[float, float]:
-    """Return the blend and its slope, as `swing.minimum_jerk` does."""
+    r"""Return the minimum-jerk blend and its slope.
+
+    .. math:: h(s) = 10 s^3 - 15 s^4 + 6 s^5
+
+    Args:
+        s: Progress [-]; held at 0 and 1 outside [0, 1].
+
+    Returns:
+        h in [0, 1] and dh/ds; the first and second slopes are 0 at both ends.
+
+    Example:
+        >>> minimum_jerk(0.5)
+        (0.5, 1.875)
+    """
     if s <= 0.0:
         return 0.0, 0.0
     if s >= 1.0:
@@ -311,7 +343,16 @@ def fill_heading(piece: Record, time: float, reference: Record) -> None:
 
 @kernel
 def fill_feet(piece: Record, s: float, reference: Record) -> None:
-    """Write both feet of a phase at the time s after its start [s] into a record."""
+    r"""Write both feet of a phase at the time s after its start [s] into a record.
+
+    The paper only says that the shifting leg makes a step. Here the swing foot rises
+    and lands with zero velocity and acceleration,
+
+    .. math:: z = 64\, h_{max} x^3 (1-x)^3, \quad x = s / S
+
+    and travels by `minimum_jerk` in the middle 96 % of the swing, so that it leaves
+    and meets the ground vertically.
+    """
     for k in range(2):
         foot, pose = reference.feet[k], piece.resting[k]
         foot.position[0], foot.position[1] = pose[0], pose[1]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import copy
 from collections.abc import Iterable
 
 import mujoco
@@ -29,8 +28,6 @@ class Kinematics:
         """
         self.robot = robot
         self.data = mujoco.MjData(robot.model)
-        self._accelerating = copy.copy(robot.model)  # its gravity is changed
-        self._gravity = robot.model.opt.gravity.copy()
         self._jacobian = np.zeros((3 + 6 * len(robot.ends), robot.model.nv))
         self._ends = np.maximum(robot.ends, 0)
         wanted = {x.name for x in robot.limbs} if limbs is None else set(limbs)
@@ -44,7 +41,7 @@ class Kinematics:
         self._root = root
         self._end_rows = [(J[k : k + 3], J[k + 3 : k + 6], site) for k, site in sites]
         self._com_rows, self._turn_columns = J[:3], J[:, 3:6]
-        self._qpos, self._felt = d.qpos, self._accelerating.opt.gravity
+        self._qpos = d.qpos
         self._xpos, self._xmat = d.xpos[root], d.xmat[root].reshape(3, 3)
         self._com, self._site_xpos = d.subtree_com[root], d.site_xpos
         self._site_xmat = d.site_xmat
@@ -126,25 +123,6 @@ class Kinematics:
         local[3:6] = velocity[3:6] @ rotation
         mujoco.mj_integratePos(self.robot.model, result, local, dt)
         return result
-
-    def holding_forces(self, com_acceleration: np.ndarray) -> np.ndarray:
-        """Return the generalised forces that carry the body, ground forces excluded.
-
-        They belong to the configuration of the last `update` or `posture`. The whole
-        body is taken to accelerate like its CoM, as the simplified model (1)-(3) does.
-
-        Args:
-            com_acceleration: CoM acceleration [m/s^2], world, of shape (3,).
-
-        Returns:
-            Forces [N, N m] in MuJoCo's coordinates, of shape (6 + joints,).
-        """
-        forces = np.empty(len(self._qpos) - 1)
-        np.subtract(self._gravity, com_acceleration, out=self._felt)
-        mujoco.mj_rne(self._accelerating, self.data, 0, forces)
-        if self.robot.coupling is not None:
-            self.robot.coupling.fold(forces)
-        return forces
 
     def angular_momentum(self, velocity: np.ndarray) -> np.ndarray:
         """Return the angular momentum about the CoM.

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from readable import simulate_error_dynamics
 
 from comwalk.certificates.bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.gain_check import sampled_loop_of

@@ -11,7 +11,7 @@ from readable import simulate_error_dynamics
 
 from comwalk.certificates.bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.gain_check import sampled_loop_of
-from comwalk.certificates.largest_errors import simulate_error_dynamics, worst_case
+from comwalk.certificates.largest_errors import worst_case
 from comwalk.certificates.sampled_loop import SampledLoop
 from comwalk.certificates.validation import observe
 from comwalk.cli.app import main

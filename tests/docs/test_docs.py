@@ -14,11 +14,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pictures import inked
 from PIL import Image
 from robots import jvrc_path
 
 import comwalk
 from comwalk.cli.app import main
+from comwalk.robot.profile import read_profile
+from comwalk.runs.run_data import read_columns
 from comwalk.views.gl import choose_backend
 
 ROOT = Path(__file__).parents[2]
@@ -34,7 +37,7 @@ def test_python_example_prints_what_it_says(tmp_path, monkeypatch, capsys):
     (code,) = blocks("python")
     exec(compile(code, "README.md", "exec"), {})
     assert capsys.readouterr().out == blocks("text")[0]
-    assert (tmp_path / "walk.png").stat().st_size > 10_000
+    assert inked(tmp_path / "walk.png") > 0.02
 
 
 def test_eight_lines_from_robot_to_plot():
@@ -74,9 +77,10 @@ def test_commands_run(line, tmp_path, monkeypatch):
     if words[0] == "walk" and "--steps" not in words and "falls" not in comment:
         words += ["--steps", "5"]  # all twenty are walked in test_walk.py
     assert main(words) == (1 if "falls" in comment else 0)
-    for flag in ("--picture", "--write-profile"):
-        if flag in words:
-            assert Path(words[words.index(flag) + 1]).stat().st_size > 1000
+    if "--picture" in words:
+        assert inked(words[words.index("--picture") + 1]) > 0.1
+    if "--write-profile" in words:
+        assert read_profile(words[words.index("--write-profile") + 1]).given
 
 
 def test_the_two_single_commands_are_there():
@@ -214,8 +218,11 @@ def test_logs_in_the_docs_are_told_and_exported(tmp_path, monkeypatch, capsys):
     for line in marked("log")[0].splitlines():
         words = shlex.split(line.partition("#")[0].replace("runs/...", "made"))
         assert main(words[1:]) == 0
-    for file in ("csv/zmp.csv", "parquet/zmp.parquet", "rosbag2/metadata.yaml"):
-        assert (Path("made") / file).stat().st_size > 1000
+    made, rows = Path("made"), len(read_columns("made")["t"])
+    assert len((made / "csv/zmp.csv").read_text().splitlines()) == rows + 1
+    assert (made / "parquet/zmp.parquet").read_bytes().startswith(b"PAR1")
+    about = (made / "rosbag2/metadata.yaml").read_text()
+    assert about.count(f"message_count: {rows}\n") == 9
     capsys.readouterr()
     assert main(["log", "made", "--json"]) == 0
     topics = {

@@ -345,6 +345,11 @@ def test_legs_of_five_joints_walk_straight(tmp_path):
     robot = load_robot(write(tmp_path, leg=LEG[1:], arms=(), neck=()))
     run = simulate(robot, walk_pattern(robot, 2), force=True)
     assert run.outcome.ok
+    figures = run.summary()
+    assert figures["distance_m"] == pytest.approx(run.log["com_ref"][-1, 0], abs=1e-3)
+    assert figures["position_error_m"] < 1e-3
+    assert abs(run.log["com_true"][-1, 1]) < 1e-3
+    assert figures["zmp_error_rms_mm"]["x"] < 10.0
 
 
 def test_a_scene_has_the_robot_and_a_floor(tmp_path):

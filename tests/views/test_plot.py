@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from matplotlib.colors import to_rgba
 from matplotlib.text import Text
+from pictures import inked
 from PIL import Image
 
 from comwalk.control.guard import End, Outcome
@@ -136,10 +137,13 @@ def test_run_of_nan_is_drawn(walked, tmp_path):
     kept = columns["com"].copy()
     try:
         columns["com"][-5:] = np.nan
-        plot_run(walked, tmp_path / "nan.png")
+        figure = plot_run(walked, tmp_path / "nan.png")
     finally:
         columns["com"][:] = kept
-    assert (tmp_path / "nan.png").stat().st_size > 1e4
+    assert inked(tmp_path / "nan.png") > 0.02
+    drawn = [np.asarray(x.get_ydata()) for a in figure.axes for x in a.get_lines()]
+    missing = [int(np.isnan(y).sum()) for y in drawn if len(y) == len(kept)]
+    assert max(missing) == 5
 
 
 def test_picture_is_written_with_table(walked, tmp_path):
@@ -225,8 +229,11 @@ def test_pattern_without_paper_double_support_has_no_K():
 def test_short_pattern(steps, tmp_path):
     """Plans of a few steps are drawn too."""
     path = tmp_path / "short.png"
-    plot_pattern(make_pattern(plan_steps(Gait(), steps), Pendulum()), path)
-    assert path.stat().st_size > 1e4
+    pattern = make_pattern(plan_steps(Gait(), steps), Pendulum())
+    figure = plot_pattern(pattern, path)
+    assert inked(path) > 0.02
+    feet = [a for a in figure.axes if len(a.patches) == len(pattern.plan.steps) + 2]
+    assert len(feet) == 1  # each footprint once
 
 
 def test_standing_pattern_is_only_footprints(stood):

@@ -11,6 +11,7 @@ from importlib import metadata
 from pathlib import Path
 
 import pytest
+from pictures import inked
 
 import comwalk as cw
 

@@ -231,8 +231,8 @@ def test_command_for_programs_and_files(tmp_path, capsys):
     written = json.loads((tmp_path / "certificate.json").read_text())
     assert written["axes"] == numbers["axes"]
     files = sorted(Path(file).name for file in numbers["files"])
-    assert files == ["certificate.json", "certificate.png"]
-    assert inked(tmp_path / "certificate.png") > 0.02
+    assert files == ["certificate.json", "gains.png"]
+    assert inked(tmp_path / "gains.png") > 0.02
 
 
 def test_command_with_unstable_gains_fails(capsys):

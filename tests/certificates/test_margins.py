@@ -212,7 +212,7 @@ def test_matrix_with_dead_time_and_contact(dead_time, mode, delay):
         simulated.append(bank.tick()[0])
         z = M @ z
         expected.append(z[0])
-    assert np.array(simulated) == pytest.approx(np.array(expected), abs=3e-3)
+    assert np.array(simulated) == pytest.approx(np.array(expected), abs=1e-6)
 
 
 def grid_cells():

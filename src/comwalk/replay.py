@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import mujoco
 import numpy as np
 
-from .views import load_recording
-
-if TYPE_CHECKING:
-    pass
+from .runs import load_run
+from .views import scene_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +36,8 @@ def replay(folder: str | Path) -> Replay:
     Raises:
         RunError: If the folder is not such a run.
     """
-    model, columns = load_recording(folder)
+    run = load_run(folder)
+    model, columns = scene_of(run), run.columns
     data, substeps = mujoco.MjData(model), int(columns["substeps"])
     qpos, qvel, ctrl = (columns[name] for name in ("qpos", "qvel", "ctrl"))
     data.qpos[:], data.qvel[:] = qpos[0], qvel[0]

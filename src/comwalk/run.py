@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +24,7 @@ from .control import (
     ControlSettings,
     Disturbance,
     Link,
+    Outcome,
     PendulumPlant,
     Plant,
     PointBody,
@@ -38,7 +40,16 @@ from .embedding import EmbeddedMotion
 from .errors import ParameterError, PlanError, RunError
 from .pattern import Pattern
 from .robot import Robot
-from .runs import MCAP_NAME, ROWS_NAME, Log, Recorder, RunData, save_columns
+from .runs import (
+    MCAP_NAME,
+    ROWS_NAME,
+    Log,
+    Recorder,
+    RunData,
+    save_columns,
+    summarize,
+    versions,
+)
 from .walking import (
     MujocoLink,
     SimulatedRobot,
@@ -52,8 +63,41 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Run(RunData):
+class Run:
     """What happened when a pattern was walked. Made by `simulate`."""
+
+    outcome: Outcome
+    """How, when and why it ended."""
+    log: Log
+    """One row per control period."""
+    pattern: Pattern
+    """What was to be walked."""
+    seconds: float
+    """Wall-clock time of the whole run [s]."""
+    settings: dict[str, Any]
+    """Everything that the run was made with, as plain numbers and names."""
+    robot: Robot | None = None
+    """The robot; None for the simplified model."""
+    scene: mujoco.MjModel | None = None
+    """The compiled model of the simulation; None for the simplified model."""
+    substeps: int = 1
+    """Physics steps per control period."""
+    recording: Path | None = None
+    """File of rows or of ROS 2 messages that was asked for."""
+
+    def summary(self) -> dict[str, Any]:
+        """Return the figures of the run, with units in their names."""
+        figures = summarize(
+            self.log, self.pattern, self.outcome, self.seconds, self.robot
+        )
+        return {**figures, "versions": versions(), "settings": self.settings}
+
+    @cached_property
+    def data(self) -> RunData:
+        """What views take of the run."""
+        name = self.settings["robot"] or "simplified model"
+        columns, plan = self.log.columns, self.pattern.plan
+        return RunData(name, self.summary(), columns, self.scene, plan)
 
     def plot(self, path: str | Path | None = None) -> Any:
         """Draw CoM and ZMP over time, as in Fig. 7, or as in Fig. 6 for a dance.
@@ -88,10 +132,9 @@ class Run(RunData):
         return report(self)
 
     def _repr_html_(self) -> str:
-        from .runs import record_of
         from .views import notebook_html
 
-        return notebook_html(record_of(self))
+        return notebook_html(self.data)
 
     def save(self, folder: str | Path) -> Path:
         """Write summary.json, run.npz, scene.mjb and the figure.

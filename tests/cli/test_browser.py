@@ -16,8 +16,8 @@ from comwalk.cli.live_page import open_live_page
 from comwalk.config import Given, WalkConfig
 from comwalk.pattern.footsteps import Gait
 from comwalk.setup import build_walk
-from comwalk.views.recording import recording_of
 from comwalk.views.scene import scene_page
+from comwalk.views.scene_data import seen_of
 from comwalk.views.viewer import open_player
 from comwalk.walking.mujoco_plant import build_scene
 
@@ -96,7 +96,7 @@ def shows_robot(tab):
 def recording():
     """Three steps of a walk."""
     gait = Given(Gait, {"stand_time": 0.2, "start_time": 0.5, "stop_time": 0.5})
-    return recording_of(build_walk(WalkConfig(gait=gait, steps=3)).run())
+    return seen_of(build_walk(WalkConfig(gait=gait, steps=3)).run())
 
 
 def test_an_exported_page_plays_from_disk(recording, open_tab, tmp_path):

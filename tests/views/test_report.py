@@ -21,7 +21,7 @@ from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.run import simulate_pendulum
-from comwalk.runs.run_data import Record, read_columns, record_of
+from comwalk.runs.run_data import RunData, data_of, read_columns
 from comwalk.views import video
 from comwalk.views.charts import (
     Chart,
@@ -170,7 +170,7 @@ def test_the_configuration_in_a_page_repeats_the_run(folder, tmp_path):
     file = tmp_path / "law.json"
     file.write_bytes(base64.b64decode(data))
     assert main(["walk", "--config", str(file), "--out", str(tmp_path / "again")]) == 0
-    first, again = (record_of(p).columns["qpos"] for p in (folder, tmp_path / "again"))
+    first, again = (data_of(p).columns["qpos"] for p in (folder, tmp_path / "again"))
     np.testing.assert_array_equal(first, again)
 
 
@@ -185,7 +185,7 @@ def test_the_simplified_model_has_a_page_without_a_scene(pendulum):
 def test_a_notebook_shows_a_run(pendulum):
     """Outcome and figures without any script; its page goes into a frame."""
     html = pendulum._repr_html_()
-    assert html == notebook_html(record_of(pendulum))
+    assert html == notebook_html(data_of(pendulum))
     assert "completed at" in html
     assert html.count("<svg") == 2
     assert "<script" not in html
@@ -195,9 +195,9 @@ def test_a_notebook_shows_a_run(pendulum):
 def test_text_of_a_run_cannot_break_its_page(pendulum):
     """Names and causes are shown as they are."""
     evil = "</script><b>x"
-    record = record_of(pendulum)
+    record = data_of(pendulum)
     summary = {**record.summary, "cause": evil, "outcome": "fell"}
-    html = page_html([Record(evil, summary, record.columns)], [None], "")
+    html = page_html([RunData(evil, summary, record.columns, None, None)], [None], "")
     assert evil not in html
 
 
@@ -330,7 +330,7 @@ PAUSE = """() => document.querySelector("iframe").contentDocument
 
 
 def end_of(folder):
-    return float(record_of(folder).columns["t"][-1])
+    return float(data_of(folder).columns["t"][-1])
 
 
 def test_the_page_shows_the_robot_and_plays(opened, folder):
@@ -345,7 +345,7 @@ def test_the_page_shows_the_robot_and_plays(opened, folder):
     page.wait_for_timeout(1500)
     assert page.evaluate(TIME, 0) == pytest.approx(middle, abs=0.02)  # and rests
     said = page.locator(".cw-chart output").first.text_content()
-    column = record_of(folder).columns
+    column = data_of(folder).columns
     row = int(np.searchsorted(column["t"], middle))
     assert float(said) == pytest.approx(column["zmp_filtered"][row, 0], abs=0.01)
     shot = page.locator("iframe").screenshot(timeout=90_000)

@@ -16,8 +16,8 @@ from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.model import load_robot
 from comwalk.run import simulate
 from comwalk.sides import Side
-from comwalk.views.recording import recording_of, sole_box
 from comwalk.views.scene import scene_film, scene_page
+from comwalk.views.scene_data import seen_of, sole_box
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def recording():
     """A robot's single step."""
     gait = Gait(stand_time=0.1, start_time=0.4, stop_time=0.4)
     pattern = make_pattern(plan_steps(gait, 1), Pendulum())
-    return recording_of(simulate(load_robot("paper"), pattern))
+    return seen_of(simulate(load_robot("paper"), pattern))
 
 
 @pytest.fixture(scope="module")

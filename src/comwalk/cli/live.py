@@ -23,8 +23,8 @@ from ..errors import ParameterError
 from ..pattern import Pattern, Reference
 from ..robot import Robot
 from ..run import Prepared, Run, prepare
+from ..runs import Moment
 from ..setup import Setup
-from ..views import Moment
 
 PUSH_TIME = 0.1
 """How long a push lasts [s]."""

@@ -14,7 +14,7 @@ from ..config import RobotConfig, WalkConfig
 from ..errors import ViewError
 from ..run import Run, plain
 from ..setup import Setup
-from ..views import HOST, PORT, Address, model_with_meshes, open_player, recording_of
+from ..views import HOST, PORT, Address, model_with_meshes, open_player, seen_of
 from ..walking import build_scene
 from .live import LiveWalk
 from .live_page import open_live_page
@@ -33,7 +33,7 @@ def view(
 
     It is served until Ctrl-C.
     """
-    recording = recording_of(run, geometry=True)
+    recording = seen_of(run, geometry=True)
     if open:
         check_browser()
     with open_player(recording, host, port) as (player, address):

@@ -18,11 +18,13 @@ if TYPE_CHECKING:
     from .recorder import ROWS_NAME as ROWS_NAME
     from .recorder import Recorder as Recorder
     from .recorder import log_path as log_path
-    from .run_data import Record as Record
+    from .run_data import Moment as Moment
     from .run_data import RunData as RunData
+    from .run_data import Source as Source
+    from .run_data import data_of as data_of
+    from .run_data import load_run as load_run
     from .run_data import read_columns as read_columns
     from .run_data import read_summary as read_summary
-    from .run_data import record_of as record_of
     from .summary import summarize as summarize
     from .summary import versions as versions
 

@@ -1,59 +1,48 @@
-"""What a run leaves behind: summary and columns, from memory or from its folder."""
+"""What views take of a run: summary, columns, model and plan, by whichever way."""
 
 from __future__ import annotations
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple, Protocol
 from zipfile import BadZipFile
 
 import mujoco
 import numpy as np
 
-from ..control import Outcome
-from ..errors import RunError
-from ..pattern import Pattern
-from ..robot import Robot
-from .columns import Log, load_columns
-from .summary import summarize, versions
+from ..errors import ComwalkError, RunError
+from ..pattern import Foothold, Footstep, FootstepPlan, Phase
+from ..sides import Side
+from .columns import load_columns
+
+
+class Moment(NamedTuple):
+    """What there is to see at one time; all in world axes."""
+
+    time: float
+    """Time [s]."""
+    qpos: np.ndarray
+    """MuJoCo's configuration, of shape (nq,)."""
+    com: np.ndarray
+    """CoM [m], of shape (3,)."""
+    com_ref: np.ndarray
+    """Its reference [m], of shape (3,)."""
+    zmp: np.ndarray
+    """ZMP [m], of shape (2,)."""
+    zmp_ref: np.ndarray
+    """Its reference [m], of shape (2,)."""
+    phase: Phase
+    """What the legs are to do."""
+    wrenches: np.ndarray
+    """What the ankle sensors feel, in their own frames [N, N m], of shape (2, 6)."""
 
 
 @dataclass(frozen=True, eq=False)
 class RunData:
-    """What a run leaves in memory, which is all that a view needs. Abstract."""
-
-    outcome: Outcome
-    """How, when and why it ended."""
-    log: Log
-    """One row per control period."""
-    pattern: Pattern
-    """What was to be walked."""
-    seconds: float
-    """Wall-clock time of the whole run [s]."""
-    settings: dict[str, Any]
-    """Everything that the run was made with, as plain numbers and names."""
-    robot: Robot | None = None
-    """The robot; None for the simplified model."""
-    scene: mujoco.MjModel | None = None
-    """The compiled model of the simulation; None for the simplified model."""
-    substeps: int = 1
-    """Physics steps per control period."""
-    recording: Path | None = None
-    """Log of ROS 2 messages that was written while it ran."""
-
-    def summary(self) -> dict[str, Any]:
-        """Return the figures of the run, with units in their names."""
-        figures = summarize(
-            self.log, self.pattern, self.outcome, self.seconds, self.robot
-        )
-        return {**figures, "versions": versions(), "settings": self.settings}
-
-
-@dataclass(frozen=True, eq=False)
-class Record:
-    """A run to read about. Made by `record_of`."""
+    """A run to look at. Made by `load_run` of a folder, or by a `Run` itself."""
 
     name: str
     """What its reader calls it."""
@@ -61,6 +50,10 @@ class Record:
     """What `Run.summary` returns."""
     columns: Mapping[str, np.ndarray]
     """One row per control period."""
+    model: mujoco.MjModel | None
+    """The compiled scene; None for the simplified model."""
+    plan: FootstepPlan | None
+    """The footsteps, as far as they are known."""
 
     @property
     def settings(self) -> Mapping[str, Any]:
@@ -68,37 +61,187 @@ class Record:
         return self.summary["settings"]
 
     @property
+    def ok(self) -> bool:
+        """Whether the plan was walked to its end."""
+        return self.summary["outcome"] == "completed"
+
+    @property
     def walked(self) -> bool:
         """Whether there were steps; if not, it danced or stood."""
         return bool(self.summary["steps_planned"])
 
     @property
-    def com_column(self) -> str:
-        """Name of the column of the CoM: the true one if it is known."""
-        return "com_true" if "com_true" in self.columns else "com"
+    def t(self) -> np.ndarray:
+        """Times [s], of shape (rows,)."""
+        return self.columns["t"]
+
+    @property
+    def com(self) -> np.ndarray:
+        """CoM [m], the true one if it is known, of shape (rows, 2) or (rows, 3)."""
+        return self.columns["com_true" if "com_true" in self.columns else "com"]
+
+    @cached_property
+    def center(self) -> np.ndarray:
+        """The robot's path without its sway [m], of shape (rows, 2)."""
+        return smoothed(self.columns["qpos"][:, :2], self.t)
+
+    def row(self, time: float) -> int:
+        """Return the row of a time.
+
+        Args:
+            time: When [s].
+
+        Returns:
+            The first row not before it; the last one after the end.
+        """
+        return min(int(np.searchsorted(self.t, time)), len(self.t) - 1)
+
+    def rows(self, fps: float) -> np.ndarray:
+        """Return the rows of pictures at equal times.
+
+        Args:
+            fps: Pictures per second.
+
+        Returns:
+            Rows, of shape (k,), from the first to about the last.
+        """
+        start, stop = float(self.t[0]), float(self.t[-1])
+        times = start + np.arange(int((stop - start) * fps) + 1) / fps
+        return np.minimum(np.searchsorted(self.t, times - 1e-9), len(self.t) - 1)
+
+    def moment(self, row: int) -> Moment:
+        """Return what there is to see in a row.
+
+        Args:
+            row: Which.
+
+        Returns:
+            The moment.
+        """
+        c = self.columns
+        return Moment(
+            float(c["t"][row]),
+            c["qpos"][row],
+            self.com[row],
+            c["com_ref"][row],
+            c["zmp_filtered"][row],
+            c["zmp_ref"][row],
+            Phase(int(c["phase"][row])),
+            c["wrenches"][row],
+        )
 
 
-def record_of(source: RunData | str | Path, name: str | None = None) -> Record:
-    """Return what a run leaves behind.
+class Run(Protocol):
+    """A run in memory."""
+
+    @property
+    def data(self) -> RunData:
+        """What views take of it."""
+        ...
+
+
+Source = Run | str | Path
+"""A run, or its folder."""
+
+
+def data_of(source: Source | RunData, name: str | None = None) -> RunData:
+    """Return what views take of a run.
 
     Args:
-        source: A run, or its folder.
+        source: The run, or its folder.
         name: What its reader calls it; the folder's name or the robot's if None.
 
     Returns:
-        The record.
+        The data.
 
     Raises:
         RunError: If the folder is no readable run.
     """
-    if isinstance(source, (str, Path)):
-        folder = Path(source)
-        summary = read_summary(folder)
-        columns = read_columns(folder)
-        return Record(name or folder.resolve().name, summary, columns)
-    summary = source.summary()
-    known = name or summary["settings"]["robot"] or "simplified model"
-    return Record(known, summary, source.log.columns)
+    if isinstance(source, RunData):
+        data = source
+    else:
+        data = load_run(source) if isinstance(source, (str, Path)) else source.data
+    return data if name is None else replace(data, name=name)
+
+
+def load_run(folder: str | Path) -> RunData:
+    """Load a saved run.
+
+    Args:
+        folder: A folder that `Run.save` wrote.
+
+    Returns:
+        The data.
+
+    Raises:
+        RunError: If a file is missing or broken, or they do not go together.
+    """
+    path = Path(folder)
+    summary, columns = read_summary(path), read_columns(path)
+    plan = _plan_of(summary["settings"].get("plan"))
+    return RunData(
+        path.resolve().name, summary, columns, _model_in(path, columns), plan
+    )
+
+
+def _model_in(folder: Path, columns: Mapping[str, np.ndarray]) -> mujoco.MjModel | None:
+    """Return the scene of a saved run, checked against its columns."""
+    path = folder / "scene.mjb"
+    if not path.is_file():
+        return None
+    try:
+        model = mujoco.MjModel.from_binary_path(str(path))
+    except (OSError, ValueError, mujoco.FatalError):
+        raise RunError(
+            f"{path} is broken: it is no model of this version of MuJoCo"
+        ) from None
+    widths = {"qpos": model.nq, "qvel": model.nv, "ctrl": model.nu}
+    missing = {*widths, "substeps"} - set(columns)
+    if missing:
+        raise RunError(f"{folder}/run.npz lacks {', '.join(sorted(missing))}")
+    rows = len(columns["qpos"])
+    for name, width in widths.items():
+        if columns[name].shape != (rows, width):
+            raise RunError(
+                f"{folder}/run.npz does not fit scene.mjb: {name} has the shape "
+                f"{columns[name].shape}, and the model asks for {(rows, width)}"
+            )
+    return model
+
+
+def _plan_of(table: Any) -> FootstepPlan | None:
+    """Return the plan that a summary holds; None if it holds none."""
+    try:
+        parts: dict[str, Any] = dict(table)
+        feet = [Foothold(**parts.pop(side)) for side in ("left", "right")]
+        parts["steps"] = tuple(_step_of(dict(step)) for step in parts["steps"])
+        parts["sole_size"] = tuple(parts["sole_size"])
+        return FootstepPlan(left=feet[0], right=feet[1], **parts)
+    except (KeyError, TypeError, ValueError, ComwalkError):
+        return None
+
+
+def _step_of(table: dict[str, Any]) -> Footstep:
+    return Footstep(side=Side(table.pop("side")), **table)
+
+
+def smoothed(path: np.ndarray, t: np.ndarray, window: float = 2.0) -> np.ndarray:
+    """Return a path without its sway: the mean over a window of time.
+
+    Args:
+        path: Points [m], of shape (n, 2).
+        t: Equidistant times [s], of shape (n,).
+        window: Its length [s].
+
+    Returns:
+        Points [m], of shape (n, 2).
+    """
+    if len(t) < 3:
+        return path
+    half = max(1, round(0.5 * window / float(t[1] - t[0])))
+    padded = np.pad(path, ((half + 1, half), (0, 0)), mode="edge")
+    sums = np.cumsum(padded, axis=0)
+    return (sums[2 * half + 1 :] - sums[: -2 * half - 1]) / (2 * half + 1)
 
 
 def read_summary(folder: str | Path) -> dict[str, Any]:

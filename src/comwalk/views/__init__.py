@@ -20,14 +20,13 @@ if TYPE_CHECKING:
     from .page_server import Address as Address
     from .pattern_figure import plot_pattern as plot_pattern
     from .portrait import draw_portrait as draw_portrait
-    from .recording import Moment as Moment
-    from .recording import load_recording as load_recording
-    from .recording import model_with_meshes as model_with_meshes
-    from .recording import recording_of as recording_of
     from .render import View as View
     from .render import render_run as render_run
     from .render import render_still as render_still
     from .render import still as still
+    from .scene_data import model_with_meshes as model_with_meshes
+    from .scene_data import scene_of as scene_of
+    from .scene_data import seen_of as seen_of
     from .tables import outcome_text as outcome_text
     from .video import STILLS as STILLS
     from .video import check_film as check_film

@@ -19,6 +19,10 @@ _STEPS = 4000  # vertical resolution of a chart
 _POINTS_PER_SECOND, _FEWEST, _MOST = 60.0, 300, 4000
 
 
+Band = tuple[float, float, str]
+"""A shaded time: start [s], end [s], style sheet class (left, right)."""
+
+
 @dataclass(frozen=True, eq=False)
 class Curve:
     """One curve of a chart."""
@@ -26,7 +30,7 @@ class Curve:
     label: str
     """What it is."""
     kind: str
-    """Its style sheet class: com, true, zmp, ref-com, ref-zmp, left, right, line."""
+    """Its style sheet class: com, zmp, ref-com, ref-zmp, left, right, line."""
     values: np.ndarray
     """One value per time; not a number where there is none, of shape (n,)."""
     other: bool = False
@@ -47,8 +51,8 @@ class Chart:
     """What is drawn, the last one on top."""
     span: tuple[float, float] | None = None
     """Range of values to show; that of all curves if None."""
-    bands: Sequence[tuple[float, float, str]] = ()
-    """Shaded times: start [s], end [s], style sheet class (left, right)."""
+    bands: Sequence[Band] = ()
+    """Shaded times."""
 
 
 def chart_style() -> str:
@@ -185,7 +189,7 @@ def _curve(curve: Curve, low: float, high: float) -> str:
     return f'<path class="{_kind(curve)}" d="{"".join(words)}"/>'
 
 
-def _band(band: tuple[float, float, str], first: float, last: float, width: int) -> str:
+def _band(band: Band, first: float, last: float, width: int) -> str:
     """Return shaded times."""
     scale = width / (last - first)
     a, b = ((min(max(x, first), last) - first) * scale for x in band[:2])

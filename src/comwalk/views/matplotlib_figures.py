@@ -18,8 +18,11 @@ from matplotlib.patches import Patch
 
 from ..embedding import EmbeddedMotion
 from ..errors import RunError
-from ..pattern import Pattern, Phase
-from ..runs import RunData, summarize
+from ..runs import RunData, Source, data_of
+from .charts import Band, Chart
+from .run_charts import error_chart, motion_chart
+from .scene_data import scene_of
+from .tables import outcome_text
 
 DPI = 150
 """Resolution of pictures [dots/inch]."""
@@ -27,7 +30,6 @@ DPI = 150
 _BLUE, _ORANGE, _GREEN, _PURPLE = "#0072B2", "#D55E00", "#009E73", "#B0609A"
 _SKY, _YELLOW, _BROWN, _INK, _GREY = "#56B4E9", "#E69F00", "#7A4A21", "#222222", "#777"
 _CYCLE = (_BLUE, _ORANGE, _GREEN, _PURPLE, _YELLOW, _SKY, _BROWN, _INK, _GREY)
-_SINGLES = {Phase.SINGLE_LEFT: "#E3EEF8", Phase.SINGLE_RIGHT: "#FBEBDD"}
 STYLE: dict[Any, Any] = {
     "figure.facecolor": "white",
     "font.family": "DejaVu Sans",
@@ -56,15 +58,16 @@ STYLE: dict[Any, Any] = {
     "savefig.dpi": DPI,
 }
 """Style of all figures, for `matplotlib.rc_context`."""
-_AXES = ("x", "y")
 _DASHED = (0, (4, 2))
+_XY = (0, 1)
+_SIDE_COLORS = {"left": "#E3EEF8", "right": "#FBEBDD"}
 _LINES: dict[str, dict[str, Any]] = {
-    "zmp_filtered": {"color": _ORANGE, "lw": 1.2, "label": "ZMP $p_i$"},
-    "com": {"color": _BLUE, "lw": 1.8, "label": "CoM $c_i$"},
-    "com_true": {"color": _SKY, "lw": 1.3, "label": "CoM, true"},
-    "zmp_ref": {"color": "#7A3300", "lw": 1.0, "ls": _DASHED, "label": "$p_i^d$"},
-    "com_ref": {"color": "#00304D", "lw": 1.0, "ls": _DASHED, "label": "$c_i^d$"},
+    "zmp": {"color": _ORANGE, "lw": 1.2},
+    "com": {"color": _BLUE, "lw": 1.8},
+    "ref-zmp": {"color": "#7A3300", "lw": 1.0, "ls": _DASHED},
+    "ref-com": {"color": "#00304D", "lw": 1.0, "ls": _DASHED},
 }
+"""How a curve of a chart is drawn, by its kind."""
 
 
 class Row(NamedTuple):
@@ -165,7 +168,7 @@ def _table_lines(rows: Sequence[Row], columns: int) -> int:
 
 
 def plot_run(
-    run: RunData, path: str | Path | None = None, *, table: Sequence[Row] = ()
+    run: Source, path: str | Path | None = None, *, table: Sequence[Row] = ()
 ) -> Figure:
     """Draw CoM and ZMP of a run, desired and actual, as in Fig. 7.
 
@@ -173,7 +176,7 @@ def plot_run(
     A long run has its middle, or its fall, enlarged on the right.
 
     Args:
-        run: What `simulate` returned.
+        run: What `simulate` returned, or its folder.
         path: Where to write a picture; not written if None.
         table: Rows of a small table to write below.
 
@@ -181,9 +184,13 @@ def plot_run(
         The figure.
 
     Raises:
-        RunError: If the picture cannot be written.
+        RunError: If the run cannot be read, or the picture cannot be written.
     """
-    detail = _detail(run)
+    data = data_of(run)
+    charts = [
+        kind([data], data.t, i) for kind in (motion_chart, error_chart) for i in _XY
+    ]
+    detail = _detail(data, charts[0].bands)
     layout = "constrained" if table else None
     with _page(12.0 if detail else 9.0, 9.2, table, layout) as (figure, page):
         axes = page.subplots(
@@ -195,8 +202,8 @@ def plot_run(
             width_ratios=(1.7, 1.0) if detail else None,
         )
         for column, span in zip(axes.T, [None, detail], strict=False):
-            _run_column(column, run, span)
-        page.suptitle(_run_title(run), x=0.01, ha="left", fontsize=11.5)
+            _run_column(column, data, charts, span)
+        page.suptitle(_run_title(data), x=0.01, ha="left", fontsize=11.5)
         _run_legend(page, axes[0, 0])
         page.align_ylabels(axes)
         if not table:  # places that fit, since to search them takes a second
@@ -205,88 +212,66 @@ def plot_run(
     return write_figure(figure, path)
 
 
-def _detail(run: RunData) -> tuple[float, float] | None:
+def _detail(data: RunData, bands: Sequence[Band]) -> tuple[float, float] | None:
     """Return the time span to enlarge [s]: two steps in the middle, or the end."""
-    end = float(run.log["t"][-1])
-    spans = run.pattern.phases
-    singles = [s for s in spans if s.phase in _SINGLES and s.start < end]
-    if end < 8.0 or len(singles) < 4:
+    end = float(data.t[-1])
+    if end < 8.0 or len(bands) < 4:
         return None
-    if not run.outcome.ok:
+    if not data.ok:
         return end - 3.0, end
-    middle = singles[len(singles) // 2 - 1 : len(singles) // 2 + 1]
-    first, last = middle[0], middle[-1]
-    pad = 0.5 * (last.start - first.start - first.duration)
-    return first.start - 2.0 * pad, last.start + last.duration + 2.0 * pad
+    (first, lifted, _), (last, landed, _) = bands[len(bands) // 2 - 1 :][:2]
+    pad = 0.5 * (last - lifted)
+    return first - 2.0 * pad, landed + 2.0 * pad
 
 
 def _run_column(
-    axes: Sequence[Axes], run: RunData, span: tuple[float, float] | None
+    axes: Sequence[Axes],
+    data: RunData,
+    charts: Sequence[Chart],
+    span: tuple[float, float] | None,
 ) -> None:
     """Draw x, y and both errors into four axes."""
-    t, rows = run.log["t"], slice(None)
+    t, rows = data.t, slice(None)
     if span is not None:
         rows = slice(*np.searchsorted(t, span).tolist())
-    for i in range(2):
-        _com_and_zmp(axes[i], run, i, rows)
     begin, end = span or (float(t[0]), float(t[-1]))
-    for ax in axes:
-        _shade(ax, run.pattern, begin, end)
-        if not run.outcome.ok:
-            ax.axvline(run.outcome.time, color=_INK, lw=1.5, ls=":")
-    for i, ax in enumerate(axes[2:]):
-        _errors(ax, run, i, rows)
+    for i, (ax, chart) in enumerate(zip(axes, charts, strict=True)):
+        _draw(ax, chart, rows, begin, end)
+        unit = f"{'xy'[i % 2]} [{chart.unit}]"
+        ax.set_ylabel(unit if i < 2 else f"desired - actual\n{unit}")
+        if not data.ok:
+            ax.axvline(data.summary["time_s"], color=_INK, lw=1.5, ls=":")
+    for ax in axes[2:]:
+        ax.axhline(0.0, color=_GREY, lw=0.8)
     axes[-1].set_xlabel("t [s]" if span is None else "t [s], enlarged")
-    margin = 1e-3 if run.outcome.ok else 0.02 * (end - begin) + 1e-3
+    margin = 1e-3 if data.ok else 0.02 * (end - begin) + 1e-3
     axes[0].set_xlim(begin, end + margin)
 
 
-def _com_and_zmp(ax: Axes, run: RunData, i: int, rows: slice) -> None:
-    """Draw CoM and ZMP of one axis."""
-    log, t = run.log, run.log["t"][rows]
-    for column, style in _LINES.items():
-        if column in log:
-            ax.plot(t, log[column][rows, i], **style)
-    ax.set_ylabel(f"{_AXES[i]} [m]")
-    known = [log[c][rows, i] for c in ("zmp_ref", "com_ref", "com")]
-    low, high = np.min(known), np.max(known)
-    pad = 0.1 * (high - low) + 0.015
-    if np.isfinite(pad):
-        ax.set_ylim(low - pad, high + pad)
+def _draw(ax: Axes, chart: Chart, rows: slice, begin: float, end: float) -> None:
+    """Draw the curves of a chart, and its bands from one time to another [s]."""
+    for start, stop, side in chart.bands:
+        low, high = max(start, begin), min(stop, end)
+        if low < high:
+            ax.axvspan(low, high, color=_SIDE_COLORS[side], lw=0, zorder=0)
+    for curve in chart.curves:
+        style = _LINES[curve.kind]
+        ax.plot(chart.t[rows], curve.values[rows], label=curve.label, **style)
+    if chart.span is not None and np.isfinite(chart.span).all():
+        ax.set_ylim(*chart.span)
 
 
-def _errors(ax: Axes, run: RunData, i: int, rows: slice) -> None:
-    """Draw the errors of CoM and ZMP of one axis in mm."""
-    log, t = run.log, run.log["t"][rows]
-    references = {"zmp_filtered": "zmp_ref_filtered"}
-    for column in ("zmp_filtered", "com", "com_true"):
-        if column in log:
-            desired = log[references.get(column, "com_ref")][rows, i]
-            error = 1e3 * (desired - log[column][rows, i])
-            ax.plot(t, error, **_LINES[column])
-    ax.axhline(0.0, color=_GREY, lw=0.8)
-    ax.set_ylabel(f"desired - actual\n{_AXES[i]} [mm]")
-
-
-def _shade(ax: Axes, pattern: Pattern, begin: float, end: float) -> None:
-    """Shade the single supports."""
-    for span in pattern.phases:
-        start, stop = max(span.start, begin), min(span.start + span.duration, end)
-        if span.phase in _SINGLES and start < stop:
-            ax.axvspan(start, stop, color=_SINGLES[span.phase], lw=0, zorder=0)
-
-
-def _run_title(run: RunData) -> str:
+def _run_title(data: RunData) -> str:
     """Return the outcome and the main figures in two lines."""
-    figures = summarize(run.log, run.pattern, run.outcome, run.seconds)
-    name = "simplified model" if run.robot is None else f'robot "{run.robot.name}"'
+    figures, robot = data.summary, data.settings.get("robot")
+    name = "simplified model" if robot is None else f'robot "{robot}"'
     com = figures["com_error_rms_mm"]
     kind = "true" if "true" in com else "measured"
     com, zmp = com[kind], figures["zmp_error_rms_mm"]
     steps = f"{figures['steps_completed']}/{figures['steps_planned']} steps"
-    gap = " " if run.outcome.ok else "\n"
+    gap = " " if data.ok else "\n"
     return (
-        f"{name}, {steps}, {figures['distance_m']:.2f} m:{gap}{run.outcome}\n"
+        f"{name}, {steps}, {figures['distance_m']:.2f} m:{gap}{outcome_text(figures)}\n"
         f"rms errors x, y: CoM ({kind}) {com['x']:.1f}, {com['y']:.1f} mm;  "
         f"ZMP {zmp['x']:.1f}, {zmp['y']:.1f} mm"
     )
@@ -295,20 +280,17 @@ def _run_title(run: RunData) -> str:
 def _run_legend(page: Figure | SubFigure, ax: Axes) -> None:
     """Put one legend for both axes below the panels."""
     handles, labels = ax.get_legend_handles_labels()
-    handles += [Patch(color=_SINGLES[phase]) for phase in _SINGLES]
+    handles += [Patch(color=color) for color in _SIDE_COLORS.values()]
     labels += ["left foot", "right foot supports"]
     place = "outside lower center" if page.get_layout_engine() else "lower center"
     page.legend(handles, labels, loc=place, ncols=len(labels))
-
-
-# ---- Fig. 3: the pattern ----------------------------------------------------------
 
 
 # ---- Figs. 5 and 6: a dance -------------------------------------------------------
 
 
 def plot_arms(
-    source: EmbeddedMotion | RunData,
+    source: EmbeddedMotion | Source,
     path: str | Path | None = None,
     *,
     table: Sequence[Row] = (),
@@ -327,7 +309,7 @@ def plot_arms(
         RunError: If the picture cannot be written, or no arm, waist or head moved.
     """
     embedded = isinstance(source, EmbeddedMotion)
-    t, curves = _motion_joints(source) if embedded else _run_joints(source)
+    t, curves = _motion_joints(source) if embedded else _run_joints(data_of(source))
     groups: dict[str, list[str]] = {}
     for joint in curves:
         side = _SIDES.get(joint.lower()[:2], "waist and head")
@@ -363,33 +345,41 @@ def _motion_joints(motion: EmbeddedMotion) -> tuple[np.ndarray, _Curves]:
     return t, {name: (angles[:, j], None) for j, name in enumerate(motion.joints)}
 
 
-def _run_joints(run: RunData) -> tuple[np.ndarray, _Curves]:
+def _run_joints(data: RunData) -> tuple[np.ndarray, _Curves]:
     """Return times and the moving joints outside the legs: actual and set-points."""
-    if run.robot is None:
-        raise RunError("the simplified model has no arms; plot a run of a robot")
-    angles, targets = run.log["joints"], run.log["joint_set_points"]
-    index = {name: j for j, name in enumerate(run.robot.joints)}
+    model, columns = scene_of(data), data.columns
+    angles, targets, legs = columns["joints"], columns["joint_set_points"], set()
+    for side in ("l_sole", "r_sole"):
+        body = int(model.site(side).bodyid[0])
+        while body:
+            legs |= {
+                model.joint(j).name
+                for j in range(model.njnt)
+                if model.jnt_bodyid[j] == body
+            }
+            body = int(model.body_parentid[body])
+    names = [model.joint(j + 1).name for j in range(angles.shape[1])]
     curves: _Curves = {
-        name: (angles[:, index[name]], targets[:, index[name]])
-        for name in run.robot.upper_body
-        if np.ptp(targets[:, index[name]]) > 0.02
+        name: (angles[:, j], targets[:, j])
+        for j, name in enumerate(names)
+        if name not in legs and np.ptp(targets[:, j]) > 0.02
     }
     if not curves:
         raise RunError("no joint of the upper body moved; choose a motion by --motion")
-    return run.log["t"], curves
+    return data.t, curves
 
 
 def plot_dance(
-    run: RunData,
+    run: Source,
     path: str | Path | None = None,
     *,
-    without: RunData | None = None,
+    without: Source | None = None,
     table: Sequence[Row] = (),
 ) -> Figure:
     """Draw how far CoM and ZMP leave their place in a dance, as in Fig. 6.
 
     Args:
-        run: The dance.
+        run: The dance, or its folder.
         path: Where to write a picture; not written if None.
         without: The same dance with a resolution that ignores the arms, to compare.
         table: Rows of a small table to write below.
@@ -400,21 +390,26 @@ def plot_dance(
     Raises:
         RunError: If the picture cannot be written.
     """
+    data = data_of(run)
     with _page(9.0, 7.0, table) as (figure, page):
         x, y, z = page.subplots(3, 1, sharex=True, height_ratios=(1.0, 1.0, 0.5))
         y.sharey(x)
         for i, ax in enumerate((x, y, z)):
             if without is not None:
-                _offsets(ax, without, i, (_YELLOW, _PURPLE), ", ignoring the arms")
-            _offsets(ax, run, i, (_ORANGE, _BLUE), "")
+                _offsets(
+                    ax, data_of(without), i, (_YELLOW, _PURPLE), ", ignoring the arms"
+                )
+            _offsets(ax, data, i, (_ORANGE, _BLUE), "")
             ax.set_ylabel(f"{'xyz'[i]} - start [mm]")
         for ax in (x, y):
             _paper_band(ax)
         z.set_xlabel("t [s]")
-        z.set_xlim(0.0, float(run.log["t"][-1]))
+        z.set_xlim(0.0, float(data.t[-1]))
         low, high = z.get_ylim()
         z.set_ylim(min(low, -1.0), max(high, 1.0))
-        page.suptitle(f"Dance: {run.outcome}", x=0.01, ha="left", fontsize=11.5)
+        page.suptitle(
+            f"Dance: {outcome_text(data.summary)}", x=0.01, ha="left", fontsize=11.5
+        )
         page.legend(*x.get_legend_handles_labels(), loc="outside lower center", ncols=4)
         page.align_ylabels((x, y, z))
     return write_figure(figure, path)
@@ -429,13 +424,12 @@ def _paper_band(ax: Axes) -> None:
 
 
 def _offsets(
-    ax: Axes, run: RunData, i: int, colors: tuple[str, str], label: str
+    ax: Axes, data: RunData, i: int, colors: tuple[str, str], label: str
 ) -> None:
     """Draw CoM and ZMP of one axis from where the CoM began [mm]."""
-    log, start = run.log, run.log["com_ref"][0, i]
-    com = "com_true" if "com_true" in log else "com"
+    start = data.columns["com_ref"][0, i]
     if i < 2:
-        zmp = 1e3 * (log["zmp_filtered"][:, i] - start)
-        ax.plot(log["t"], zmp, color=colors[0], lw=1.2, label=f"ZMP{label}")
-    offset = 1e3 * (log[com][:, i] - start)
-    ax.plot(log["t"], offset, color=colors[1], lw=1.8, label=f"CoM{label}")
+        zmp = 1e3 * (data.columns["zmp_filtered"][:, i] - start)
+        ax.plot(data.t, zmp, color=colors[0], lw=1.2, label=f"ZMP{label}")
+    offset = 1e3 * (data.com[:, i] - start)
+    ax.plot(data.t, offset, color=colors[1], lw=1.8, label=f"CoM{label}")

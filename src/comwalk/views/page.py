@@ -19,11 +19,11 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 
 from ..errors import ParameterError, RunError
-from ..runs import Record, RunData, record_of
+from ..runs import RunData, Source, data_of
 from .charts import chart_style, page_script, page_style
-from .recording import recording_of
 from .run_charts import main_charts, run_charts
 from .scene import scene_film
+from .scene_data import seen_of
 from .tables import (
     changed_settings,
     figure_table,
@@ -41,7 +41,7 @@ _POLICY = (
 
 
 def page_html(
-    records: Sequence[Record], films: Sequence[bytes | None], player: str
+    records: Sequence[RunData], films: Sequence[bytes | None], player: str
 ) -> str:
     """Return the page of one run, or of two side by side.
 
@@ -89,7 +89,7 @@ def _marked(names: Sequence[str]) -> list[str]:
     return [f"{'AB'[k]}: {name}" for k, name in enumerate(names)]
 
 
-def _header(records: Sequence[Record]) -> str:
+def _header(records: Sequence[RunData]) -> str:
     """Return the title of the page and how each run ended."""
     names = [record.name for record in records]
     shown = _marked(names) if len(records) > 1 else names
@@ -105,11 +105,11 @@ def _header(records: Sequence[Record]) -> str:
     )
 
 
-def _ended(record: Record) -> str:
+def _ended(record: RunData) -> str:
     return "done" if record.summary["outcome"] == "completed" else "fell"
 
 
-def _what(record: Record) -> str:
+def _what(record: RunData) -> str:
     """Return what was done, in words."""
     robot = record.settings.get("robot")
     who = f"robot {robot}" if robot else "simplified model"
@@ -119,7 +119,7 @@ def _what(record: Record) -> str:
     return f"{who}, {what}" + (f" with the motion {motion}" if motion and steps else "")
 
 
-def _scenes(records: Sequence[Record], films: Sequence[bytes | None]) -> str:
+def _scenes(records: Sequence[RunData], films: Sequence[bytes | None]) -> str:
     """Return where the replays go."""
     shown = []
     for k, (record, film) in enumerate(zip(records, films, strict=True)):
@@ -144,14 +144,14 @@ _LEGEND = (
 )
 
 
-def _cards(record: Record) -> str:
+def _cards(record: RunData) -> str:
     return "".join(
         f"<div><b>{escape(value)}</b><span>{escape(name)}</span></div>"
         for name, value in headlines(record.summary)
     )
 
 
-def _changes(records: Sequence[Record]) -> str:
+def _changes(records: Sequence[RunData]) -> str:
     """Return what two runs were made with differently."""
     if len(records) < 2:
         return ""
@@ -160,7 +160,7 @@ def _changes(records: Sequence[Record]) -> str:
     return _section("What differs", body)
 
 
-def _repeat(record: Record, both: bool) -> str:
+def _repeat(record: RunData, both: bool) -> str:
     """Return how to get the run again: by its command, or by this page alone."""
     label = f"<h3>{escape(record.name)}</h3>" if both else ""
     command = record.settings.get("command")
@@ -185,7 +185,7 @@ def _command(words: str) -> str:
     )
 
 
-def _settings(record: Record, both: bool) -> str:
+def _settings(record: RunData, both: bool) -> str:
     """Return all settings of a run, folded."""
     tail = f" of {record.name}" if both else ""
     notes = "; ".join(record.settings.get("notes", ()))
@@ -196,7 +196,7 @@ def _settings(record: Record, both: bool) -> str:
     )
 
 
-def _footer(record: Record) -> str:
+def _footer(record: RunData) -> str:
     versions = record.summary.get("versions", {})
     text = ", ".join(f"{name} {number}" for name, number in versions.items())
     return f"<footer>{escape(text)}</footer>"
@@ -205,7 +205,7 @@ def _footer(record: Record) -> str:
 # ---- Notebooks --------------------------------------------------------------------
 
 
-def notebook_html(record: Record) -> str:
+def notebook_html(record: RunData) -> str:
     """Return what a notebook shows of a run: outcome, figures over time, summary.
 
     Args:
@@ -283,7 +283,7 @@ _MOST = 1800  # pictures, above which there are fewer per second
 
 
 def report(
-    *sources: RunData | str | Path,
+    *sources: Source,
     names: Sequence[str] | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> WebPage:
@@ -305,11 +305,10 @@ def report(
         raise ParameterError(f"a report is of one or two runs, got {len(sources)}")
     given: Sequence[str | None] = names or [None] * len(sources)
     pairs = zip(sources, given, strict=True)
-    records = [record_of(source, name) for source, name in pairs]
+    records = [data_of(source, name) for source, name in pairs]
     films = []
-    for k, (source, record) in enumerate(zip(sources, records, strict=True)):
-        share = _share(progress, k, len(sources))
-        films.append(_film(source, record, share))
+    for k, record in enumerate(records):
+        films.append(_film(record, _share(progress, k, len(sources))))
     return WebPage(page_html(records, films, _player() if any(films) else ""))
 
 
@@ -322,17 +321,16 @@ def _share(
 
 
 def _film(
-    source: RunData | str | Path,
-    record: Record,
+    record: RunData,
     progress: Callable[[float], None] | None,
 ) -> bytes | None:
     """Return a run in 3D; None for the simplified model, which has no body."""
     if record.settings.get("plant") == "pendulum":
         return None
-    recording = recording_of(source, geometry=True)
-    duration = float(recording.t[-1] - recording.t[0])
+    seen = seen_of(record, geometry=True)
+    duration = float(seen.t[-1] - seen.t[0])
     fps = max(1.0, min(_FPS, _MOST / max(duration, 1e-3)))
-    return scene_film(recording, fps=fps, progress=progress)
+    return scene_film(seen, fps=fps, progress=progress)
 
 
 def _player() -> str:

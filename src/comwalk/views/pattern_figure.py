@@ -18,11 +18,16 @@ from .matplotlib_figures import (
     _GREY,
     _INK,
     _ORANGE,
-    _SINGLES,
+    _SIDE_COLORS,
     Row,
     _page,
     write_figure,
 )
+
+_SINGLES = {
+    Phase.SINGLE_LEFT: _SIDE_COLORS["left"],
+    Phase.SINGLE_RIGHT: _SIDE_COLORS["right"],
+}
 
 
 class _Steps(NamedTuple):

@@ -21,11 +21,11 @@ from PIL import Image
 from ..embedding import yaw_of_quaternion
 from ..errors import RunError, checked_number, one_line
 from ..pattern import Phase, convex_hull
-from ..runs import RunData
+from ..runs import Source
 from ..settings import check_settings, setting
 from ..sides import Side
 from .gl import no_opengl, open_context
-from .recording import highest_box, recording_of, sole_box
+from .scene_data import highest_box, scene_of, seen_of, sole_box
 from .video import FILMS, check_film, mp4_writer
 
 
@@ -138,7 +138,7 @@ def still(
 
 
 def render_still(
-    source: RunData | str | Path,
+    source: Source,
     path: str | Path | None,
     time: float,
     *,
@@ -167,7 +167,7 @@ def render_still(
 
 
 def render_run(
-    source: RunData | str | Path,
+    source: Source,
     path: str | Path,
     *,
     view: View | None = None,
@@ -257,19 +257,19 @@ def _write(
 # ---- What there is to see ---------------------------------------------------------
 
 
-def _recording(source: RunData | str | Path) -> _Recording:
+def _recording(source: Source) -> _Recording:
     """Return what there is to see of a run or of its folder."""
-    run = recording_of(source, geometry=True)
-    columns = run.columns
+    run = seen_of(source, geometry=True)
+    model, columns = scene_of(run), run.columns
     return _Recording(
-        model=run.model,
+        model=model,
         t=run.t,
         qpos=columns["qpos"],
         com=run.com,
         zmp=columns["zmp_filtered"],
-        prints=_footprints(run.model, columns["qpos"], run.t, columns["phase"]),
+        prints=_footprints(model, columns["qpos"], run.t, columns["phase"]),
         center=run.center,
-        ground=highest_box(run.model),
+        ground=highest_box(model),
     )
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from ..errors import RunError
 from ..pattern import Phase, rectangle
-from ..runs import Record
+from ..runs import RunData
 from .charts import (
     Chart,
     Curve,
@@ -23,11 +23,11 @@ from .charts import (
 _AXES = ("x, forward", "y, to the left")
 _NEEDED = ("t", "phase", "com", "com_ref", "zmp_filtered", "zmp_ref")
 _BANDS = {Phase.SINGLE_LEFT: "left", Phase.SINGLE_RIGHT: "right"}
-Column = Callable[[Record], np.ndarray | None]
+Column = Callable[[RunData], np.ndarray | None]
 """Returns a value per row of a record; None if the run has none."""
 
 
-def run_charts(records: Sequence[Record]) -> str:
+def run_charts(records: Sequence[RunData]) -> str:
     """Return the figures of a run, or of two in the same axes.
 
     Args:
@@ -50,7 +50,7 @@ def run_charts(records: Sequence[Record]) -> str:
     return "".join(parts)
 
 
-def main_charts(record: Record) -> str:
+def main_charts(record: RunData) -> str:
     """Return the two most telling figures of a run: CoM and ZMP over time.
 
     Args:
@@ -60,16 +60,16 @@ def main_charts(record: Record) -> str:
         HTML.
     """
     times = _times([record])
-    return "".join(chart_html(_motion([record], times, i)) for i in range(2))
+    return "".join(chart_html(motion_chart([record], times, i)) for i in range(2))
 
 
-def _charts(records: Sequence[Record]) -> Iterator[Chart]:
+def _charts(records: Sequence[RunData]) -> Iterator[Chart]:
     """Yield all charts over time."""
     times = _times(records)
     for i in range(2):
-        yield _motion(records, times, i)
+        yield motion_chart(records, times, i)
     for i in range(2):
-        yield _errors(records, times, i)
+        yield error_chart(records, times, i)
     if all("loads_true" in record.columns for record in records):
         loads = [("left foot", "left", _load(0)), ("right foot", "right", _load(1))]
         yield _chart("Vertical force on each foot", "N", records, times, loads)
@@ -77,7 +77,7 @@ def _charts(records: Sequence[Record]) -> Iterator[Chart]:
     yield _chart("The law's CoM velocity u, Eq. (31)", "m/s", records, times, law)
 
 
-def _times(records: Sequence[Record]) -> np.ndarray:
+def _times(records: Sequence[RunData]) -> np.ndarray:
     ends = [float(record.columns["t"][-1]) for record in records]
     return chart_times(float(records[0].columns["t"][0]), max(ends))
 
@@ -85,7 +85,7 @@ def _times(records: Sequence[Record]) -> np.ndarray:
 def _chart(
     title: str,
     unit: str,
-    records: Sequence[Record],
+    records: Sequence[RunData],
     times: np.ndarray,
     lines: Sequence[tuple[str, str, Column]],
     span: tuple[float, float] | None = None,
@@ -103,11 +103,20 @@ def _chart(
     return Chart(title=title, unit=unit, t=times, curves=curves, span=span, bands=bands)
 
 
-def _motion(records: Sequence[Record], times: np.ndarray, i: int) -> Chart:
-    """Return CoM and ZMP of one axis, desired and actual."""
+def motion_chart(records: Sequence[RunData], times: np.ndarray, i: int) -> Chart:
+    """Return CoM and ZMP of one axis, desired and actual.
+
+    Args:
+        records: One or two runs.
+        times: Where they are wanted [s].
+        i: The axis, 0 forward or 1 to the left.
+
+    Returns:
+        The chart.
+    """
     lines = [
         ("ZMP", "zmp", _column("zmp_filtered", i)),
-        ("CoM", "com", lambda record: record.columns[record.com_column][:, i]),
+        ("CoM", "com", lambda record: record.com[:, i]),
         ("ZMP, plan", "ref-zmp", _column("zmp_ref", i)),
         ("CoM, plan", "ref-com", _column("com_ref", i)),
     ]
@@ -121,14 +130,23 @@ def _motion(records: Sequence[Record], times: np.ndarray, i: int) -> Chart:
 _PLANNED = ("zmp_ref", "com_ref")
 
 
-def _errors(records: Sequence[Record], times: np.ndarray, i: int) -> Chart:
-    """Return the errors of CoM and ZMP of one axis."""
+def error_chart(records: Sequence[RunData], times: np.ndarray, i: int) -> Chart:
+    """Return the errors of CoM and ZMP of one axis.
+
+    Args:
+        records: One or two runs.
+        times: Where they are wanted [s].
+        i: The axis, 0 forward or 1 to the left.
+
+    Returns:
+        The chart.
+    """
     lines = [("ZMP", "zmp", _zmp_error(i)), ("CoM", "com", _com_error(i))]
     title = f"Desired minus actual, {_AXES[i]}"
     chart = _chart(title, "mm", records, times, lines)
     values = np.concatenate([curve.values for curve in chart.curves])
     values = values[np.isfinite(values)]
-    if all(r.summary["outcome"] == "completed" for r in records) or not len(values):
+    if all(record.ok for record in records) or not len(values):
         return chart
     # A fall leaves every range: show what came before.
     low, high = np.percentile(values, (2.0, 98.0)).tolist()
@@ -153,9 +171,7 @@ def _zmp_error(i: int) -> Column:
 
 def _com_error(i: int) -> Column:
     """Return what tells the error of the CoM [mm]."""
-    return lambda record: (
-        1e3 * (record.columns["com_ref"] - record.columns[record.com_column])[:, i]
-    )
+    return lambda record: 1e3 * (record.columns["com_ref"] - record.com)[:, i]
 
 
 def _load(k: int) -> Column:
@@ -168,7 +184,7 @@ def _law(i: int) -> Column:
     return lambda record: record.columns["u"][:, i] if "u" in record.columns else None
 
 
-def _bands(record: Record) -> list[tuple[float, float, str]]:
+def _bands(record: RunData) -> list[tuple[float, float, str]]:
     """Return the times of single support."""
     t, phase = record.columns["t"], record.columns["phase"]
     edges = np.flatnonzero(np.diff(phase)) + 1
@@ -181,7 +197,7 @@ def _bands(record: Record) -> list[tuple[float, float, str]]:
     ]
 
 
-def _top_view(records: Sequence[Record]) -> TopView:
+def _top_view(records: Sequence[RunData]) -> TopView:
     """Return the paths of CoM and ZMP among the planned footprints."""
     plan = records[0].settings.get("plan", {})
     length, width = plan.get("sole_size", (0.24, 0.13))
@@ -194,11 +210,11 @@ def _top_view(records: Sequence[Record]) -> TopView:
     paths = []
     for k, record in enumerate(records):
         tail = f", {'AB'[k]}" if len(records) > 1 else ""
-        for label, kind, name in (
-            ("ZMP", "zmp", "zmp_filtered"),
-            ("CoM", "com", record.com_column),
+        for label, kind, path in (
+            ("ZMP", "zmp", record.columns["zmp_filtered"]),
+            ("CoM", "com", record.com),
         ):
-            points = record.columns[name][:, :2]
+            points = path[:, :2]
             paths.append(
                 Trace(label + tail, kind, record.columns["t"], points, other=k > 0)
             )

@@ -20,10 +20,11 @@ from ..control import Contact, zmp_from_wrenches
 from ..embedding import yaw_of_quaternion
 from ..errors import checked_number
 from ..pattern import FootstepPlan, Phase, convex_hull, foot_poses, rectangle
+from ..runs import Moment, RunData
 from ..sides import Side
 from .geoms import shapes_of
 from .page_server import open_server
-from .recording import Moment, Recording, highest_box, sole_box
+from .scene_data import highest_box, scene_of, sole_box
 
 if TYPE_CHECKING:
     import viser
@@ -354,27 +355,27 @@ _TRAIL = 6.0  # time that paths show [s]
 _TRAIL_POINTS = 25.0  # points of a path per second [1/s]
 
 
-def show_row(stage: Stage, recording: Recording, row: int, follow: bool = True) -> None:
+def show_row(stage: Stage, run: RunData, row: int, follow: bool = True) -> None:
     """Show one row of a record.
 
     Args:
         stage: The scene.
-        recording: The record.
+        run: The record.
         row: Which row.
         follow: Whether the robot stays where the camera looks.
     """
-    t = recording.t
+    t = run.t
     step = max(1, round(1.0 / (_TRAIL_POINTS * float(np.diff(t[:2]).sum() or 1.0))))
     # Each point of a path is a row that stays the same from one picture to the next.
     first = -(-int(np.searchsorted(t, t[row] - _TRAIL)) // step) * step
     rows = np.append(np.arange(first, row, step), row)
-    center = recording.center[row if follow else 0]
-    paths = recording.com[rows], recording.columns["zmp_filtered"][rows]
-    stage.show(recording.moment(row), center, *paths)
+    center = run.center[row if follow else 0]
+    paths = run.com[rows], run.columns["zmp_filtered"][rows]
+    stage.show(run.moment(row), center, *paths)
 
 
 def scene_page(
-    recording: Recording,
+    run: RunData,
     *,
     fps: float = 30.0,
     opacity: float = SEEN_THROUGH,
@@ -383,7 +384,7 @@ def scene_page(
     """Return a page that plays a record by itself, without any network.
 
     Args:
-        recording: The record.
+        run: The record.
         fps: Pictures per second, in [1, 60].
         opacity: How opaque the robot is, in (0, 1].
         progress: Called with the share that is done, from 0 to 1.
@@ -394,11 +395,11 @@ def scene_page(
     Raises:
         ParameterError: If a number is out of range.
     """
-    return _filmed(recording, fps, opacity, progress).as_html()
+    return _filmed(run, fps, opacity, progress).as_html()
 
 
 def scene_film(
-    recording: Recording,
+    run: RunData,
     *,
     fps: float = 30.0,
     opacity: float = SEEN_THROUGH,
@@ -407,7 +408,7 @@ def scene_film(
     """Return what `scene_page` plays, in viser's own format, for pages of one's own.
 
     Args:
-        recording: The record.
+        run: The record.
         fps: Pictures per second, in [1, 60].
         opacity: How opaque the robot is, in (0, 1].
         progress: Called with the share that is done, from 0 to 1.
@@ -418,11 +419,11 @@ def scene_film(
     Raises:
         ParameterError: If a number is out of range.
     """
-    return _filmed(recording, fps, opacity, progress).serialize()
+    return _filmed(run, fps, opacity, progress).serialize()
 
 
 def _filmed(
-    recording: Recording,
+    run: RunData,
     fps: float,
     opacity: float,
     progress: Callable[[float], None] | None,
@@ -430,14 +431,14 @@ def _filmed(
     """Return all pictures of a record."""
     checked_number("fps", fps, unit="1/s", low=1.0, high=60.0)
     checked_number("opacity", opacity, low=0.0, high=1.0, open_low=True)
-    rows = recording.rows(fps).tolist()
+    rows = run.rows(fps).tolist()
     with open_server() as server:
-        qpos = recording.columns["qpos"][0]
-        stage = Stage(server, recording.model, qpos, recording.plan, opacity=opacity)
-        show_row(stage, recording, 0)
+        qpos = run.columns["qpos"][0]
+        stage = Stage(server, scene_of(run), qpos, run.plan, opacity=opacity)
+        show_row(stage, run, 0)
         film = server.get_scene_serializer()
         for k, row in enumerate(rows):
-            show_row(stage, recording, row)
+            show_row(stage, run, row)
             film.insert_sleep(1.0 / fps)
             if progress is not None and k % 10 == 0:
                 progress((k + 1) / len(rows))

@@ -13,9 +13,10 @@ import mujoco
 import numpy as np
 
 from ..pattern import FootstepPlan
+from ..runs import Moment, RunData
 from .page_server import open_server
-from .recording import Moment, Recording
 from .scene import COLORS, SEEN_THROUGH, Stage, show_row
+from .scene_data import scene_of
 
 if TYPE_CHECKING:
     import viser
@@ -158,24 +159,24 @@ def _switch(layer: Any, box: Any) -> Callable[[Any], None]:
 class Player:
     """Plays a record in a page, as fast as its buttons say. Final."""
 
-    def __init__(self, server: viser.ViserServer, recording: Recording) -> None:
+    def __init__(self, server: viser.ViserServer, run: RunData) -> None:
         """Build the page.
 
         Args:
             server: Where.
-            recording: The record.
+            run: The record.
         """
-        gui, self.recording = server.gui, recording
+        gui, self._data = server.gui, run
         self._lock, self._moved = Lock(), Event()
-        self._start, self._stop = float(recording.t[0]), float(recording.t[-1])
+        self._start, self._stop = float(run.t[0]), float(run.t[-1])
         self.time, self.playing, self.speed = self._start, True, 1.0
         self._button = gui.add_button("Pause")
         self._slider = gui.add_slider("time [s]", 0.0, self._stop, 0.01, self._start)
         speeds = ("0.1", "0.25", "0.5", "1", "2")
         speed = gui.add_dropdown("speed", speeds, initial_value="1")
         self._status = gui.add_markdown("")
-        qpos = recording.columns["qpos"][0]
-        self._display = Display(server, recording.model, qpos, recording.plan)
+        qpos = run.columns["qpos"][0]
+        self._display = Display(server, scene_of(run), qpos, run.plan)
         self._button.on_click(lambda _: self.play(not self.playing))
         self._slider.on_update(self._scrubbed)
         speed.on_update(lambda _: setattr(self, "speed", float(speed.value)))
@@ -220,25 +221,25 @@ class Player:
 
     def _show(self) -> None:
         """Show the row of the time, if it is not shown."""
-        recording, display = self.recording, self._display
-        row = recording.row(self.time)
+        run, display = self._data, self._display
+        row = run.row(self.time)
         if (row, display.follow) == self._shown:
             return
         self._shown = row, display.follow
-        show_row(display.stage, recording, row, display.follow)
-        self._status.content = status_of(recording.moment(row), self._step_at(row))
+        show_row(display.stage, run, row, display.follow)
+        self._status.content = status_of(run.moment(row), self._step_at(row))
         rows = self._plotted(row)
-        c = recording.columns
-        columns = recording.com, c["com_ref"], c["zmp_filtered"], c["zmp_ref"]
+        c = run.columns
+        columns = run.com, c["com_ref"], c["zmp_filtered"], c["zmp_ref"]
         values = np.stack([column[rows, :2] for column in columns], axis=1)
-        display.plots.show(recording.t[rows], values, now=not self.playing)
+        display.plots.show(run.t[rows], values, now=not self.playing)
 
     def _step_at(self, row: int) -> int:
-        steps = self.recording.columns.get("step")
+        steps = self._data.columns.get("step")
         return 0 if steps is None else int(steps[row])
 
     def _plotted(self, row: int) -> np.ndarray:
-        t = self.recording.t
+        t = self._data.t
         step = max(1, round(1.0 / (_SAMPLES * float(np.diff(t[:2]).sum() or 1.0))))
         first = int(np.searchsorted(t, t[row] - _SPAN))
         return np.arange(first, row + 1, step)
@@ -265,12 +266,12 @@ def status_of(moment: Moment, step: int) -> str:
 
 @contextmanager
 def open_player(
-    recording: Recording, host: str = "127.0.0.1", port: int = 0
+    run: RunData, host: str = "127.0.0.1", port: int = 0
 ) -> Generator[tuple[Player, str]]:
     """Open a page that plays a record.
 
     Args:
-        recording: The record.
+        run: The record.
         host: Address to listen at.
         port: Port; 0 for any that is free.
 
@@ -281,4 +282,4 @@ def open_player(
         ViewError: If the port is in use, or the address is not this machine's.
     """
     with open_page(host, port) as server:
-        yield Player(server, recording), address_of(server)
+        yield Player(server, run), address_of(server)

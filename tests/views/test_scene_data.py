@@ -18,7 +18,8 @@ from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.model import load_robot
 from comwalk.run import simulate, simulate_pendulum
 from comwalk.runs.columns import save_columns
-from comwalk.views.recording import recording_of, smoothed
+from comwalk.runs.run_data import smoothed
+from comwalk.views.scene_data import seen_of
 
 
 @pytest.fixture(scope="module")
@@ -48,7 +49,7 @@ def test_smoothed_path_has_no_sway():
 
 def test_a_folder_shows_what_the_run_shows(walked, folder):
     """Columns, rows and plan survive the way through the files."""
-    run, file = recording_of(walked), recording_of(folder)
+    run, file = seen_of(walked), seen_of(folder)
     assert file.plan == walked.pattern.plan
     for a, b in zip(run.moment(700), file.moment(700), strict=True):
         np.testing.assert_allclose(a, b, rtol=1e-6, atol=1e-6)
@@ -61,7 +62,7 @@ def test_a_folder_shows_what_the_run_shows(walked, folder):
 
 def test_rows_are_equally_far_apart_in_time(walked):
     """Pictures at 25 Hz of a record at 500 Hz: every twentieth row."""
-    recording = recording_of(walked)
+    recording = seen_of(walked)
     rows = recording.rows(25.0)
     assert set(np.diff(rows)) == {20}
     assert rows[0] == 0
@@ -76,7 +77,7 @@ def test_meshes_of_the_robot_come_back():
     robot = load_robot("jvrc1")
     pattern = make_pattern(plan_steps(Gait(), 1), Pendulum())
     run = simulate(robot, pattern, force=True)
-    bare, dressed = recording_of(run), recording_of(run, geometry=True)
+    bare, dressed = seen_of(run), seen_of(run, geometry=True)
     assert bare.model.nmesh == 0
     assert dressed.model.nmesh > 10
     assert dressed.model.nq == bare.model.nq
@@ -98,19 +99,19 @@ def test_a_robot_that_is_gone_is_shown_as_it_was_recorded(folder, tmp_path):
     summary = json.loads((folder / "summary.json").read_text())
     summary["settings"]["robot"] = "/nowhere/robot.urdf"
     (copy / "summary.json").write_text(json.dumps(summary))
-    recording = recording_of(copy, geometry=True)
-    assert recording.model.nbody == recording_of(folder).model.nbody
+    recording = seen_of(copy, geometry=True)
+    assert recording.model.nbody == seen_of(folder).model.nbody
     (copy / "summary.json").write_text("{")
-    assert recording_of(copy, geometry=True).plan is None
+    assert seen_of(copy, geometry=True).plan is None
 
 
 def test_what_cannot_be_seen_is_refused(folder, tmp_path):
     """A pendulum, a missing folder, missing columns, configurations of no numbers."""
     pattern = make_pattern(plan_steps(Gait(), 1), Pendulum())
     with pytest.raises(RunError, match="simplified model"):
-        recording_of(simulate_pendulum(pattern))
+        seen_of(simulate_pendulum(pattern))
     with pytest.raises(RunError, match="has no run"):
-        recording_of(tmp_path / "nowhere")
+        seen_of(tmp_path / "nowhere")
     broken = tmp_path / "broken"
     broken.mkdir()
     (broken / "scene.mjb").write_bytes((folder / "scene.mjb").read_bytes())
@@ -119,9 +120,9 @@ def test_what_cannot_be_seen_is_refused(folder, tmp_path):
     reference = columns.pop("zmp_ref")
     save_columns(broken / "run.npz", columns)
     with pytest.raises(RunError, match="lacks zmp_ref"):
-        recording_of(broken)
+        seen_of(broken)
     columns |= {"zmp_ref": reference, "qpos": columns["qpos"].copy()}
     columns["qpos"][5, 3] = math.nan
     save_columns(broken / "run.npz", columns)
     with pytest.raises(RunError, match="no numbers"):
-        recording_of(broken)
+        seen_of(broken)

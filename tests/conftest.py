@@ -31,7 +31,7 @@ _SLOW = {
     *("test_docs", "test_feasibility", "test_figures", "test_generate"),
     *("test_identification", "test_live", "test_log_commands", "test_mcap_file"),
     *("test_monte_carlo", "test_mujoco_link", "test_observed", "test_paper_robot"),
-    *("test_plot", "test_posture", "test_public_api", "test_recording"),
+    *("test_plot", "test_posture", "test_public_api", "test_scene_data"),
     *("test_render", "test_report", "test_robot_command", "test_sampled_bounds"),
     *("test_site", "test_speed", "test_sway", "test_tick", "test_trials"),
     *("test_uncompiled", "test_view_command", "test_walk", "test_columns"),

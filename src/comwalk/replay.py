@@ -36,7 +36,7 @@ def replay(folder: str | Path) -> Replay:
     Raises:
         RunError: If the folder is not such a run.
     """
-    run = load_run(folder)
+    run = load_run(folder, whole=False)
     model, columns = scene_of(run), run.columns
     data, substeps = mujoco.MjData(model), int(columns["substeps"])
     qpos, qvel, ctrl = (columns[name] for name in ("qpos", "qvel", "ctrl"))

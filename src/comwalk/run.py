@@ -37,7 +37,7 @@ from .control import (
     walk,
 )
 from .embedding import EmbeddedMotion
-from .errors import ParameterError, PlanError, RunError
+from .errors import ParameterError, PlanError
 from .pattern import Pattern
 from .robot import Robot
 from .runs import (
@@ -46,6 +46,7 @@ from .runs import (
     Log,
     Recorder,
     RunData,
+    prepare_folder,
     save_columns,
     summarize,
     versions,
@@ -168,31 +169,6 @@ class Run:
 
 _FILES = ("summary.json", "run.npz", "scene.mjb", "walk.png", "dance.png")
 _FILES += ("report.html", MCAP_NAME)
-
-
-def prepare_folder(folder: str | Path) -> Path:
-    """Make a folder for a run, before hours are spent on it.
-
-    Args:
-        folder: Its path.
-
-    Returns:
-        The folder, which can be written.
-
-    Raises:
-        RunError: If it cannot be made or written.
-    """
-    path = Path(folder)
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        probe = path / ".comwalk"
-        probe.write_bytes(b"")
-        probe.unlink()
-    except OSError as error:
-        raise RunError(
-            f"cannot write the folder {path}: {error.strerror}; choose another by --out"
-        ) from None
-    return path
 
 
 def simulate(

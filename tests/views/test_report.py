@@ -153,7 +153,7 @@ def test_a_page_is_whole_and_needs_no_network(folder):
     assert "</head>" in stored["player"]
     for words in (
         "comwalk walk --steps 1",
-        "completed at",
+        "completed in",
         "CoM and ZMP, x",
         "Settings",
     ):
@@ -186,7 +186,7 @@ def test_a_notebook_shows_a_run(pendulum):
     """Outcome and figures without any script; its page goes into a frame."""
     html = pendulum._repr_html_()
     assert html == notebook_html(data_of(pendulum))
-    assert "completed at" in html
+    assert "completed in" in html
     assert html.count("<svg") == 2
     assert "<script" not in html
     assert "srcdoc=" in pendulum.view()._repr_html_()

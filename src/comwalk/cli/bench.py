@@ -33,7 +33,7 @@ from ..bench import (
 )
 from ..errors import ParameterError, RunError, checked_count, nearest
 from ..robot.loaders import ROBOTS
-from ..run import prepare_folder
+from ..runs import prepare_folder
 from .progress import counting_bar
 
 DOCUMENT = Path("docs/robots.md")

@@ -88,7 +88,7 @@ def _written(
     certificate: Certificate, numbers: dict[str, Any], folder: Path
 ) -> list[str]:
     """Write the numbers and the picture; return the files."""
-    from ..run import prepare_folder
+    from ..runs import prepare_folder
     from ..views import plot_gain_plane
 
     path = prepare_folder(folder)

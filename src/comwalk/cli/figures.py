@@ -13,7 +13,8 @@ import numpy as np
 from ..config import DanceConfig, WalkConfig
 from ..errors import RunError
 from ..pattern import PAPER_GAIT, Pattern, Phase, transfer_zmp
-from ..run import Run, prepare_folder
+from ..run import Run
+from ..runs import prepare_folder
 from ..setup import Setup, build_dance, build_walk
 from ..views import Row, plot_arms, plot_dance, plot_pattern, plot_run
 

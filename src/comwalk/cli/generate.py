@@ -14,7 +14,7 @@ from ..errors import RunError
 from ..generate import Dataset, Ranges
 from ..generate import generate as generated
 from ..robot import load_robot
-from ..run import prepare_folder
+from ..runs import prepare_folder
 from .progress import counting_bar
 
 _USUAL = Ranges()

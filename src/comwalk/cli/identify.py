@@ -15,7 +15,7 @@ from ..certificates.identification import Identified
 from ..certificates.identification import identify as run_experiment
 from ..config import IdentifyConfig
 from ..config_files import make_config
-from ..run import prepare_folder
+from ..runs import prepare_folder
 from ..setup import build_identify
 from .certificate_table import facts_of, loop_table
 from .options import flags_of, given_flags, with_flags

@@ -24,9 +24,10 @@ from ..embedding import (
 )
 from ..errors import ModelError, ParameterError
 from ..pattern import coefficients, make_pattern, plan_steps, transfer_zmp
+from ..runs import outcome_text
 from ..settings import table_of
 from ..setup import Setup, build_dance, build_walk
-from ..views import HOST, PORT, Address, outcome_text
+from ..views import HOST, PORT, Address
 from .options import HostFlag, OpenFlag, PortFlag, flags_of, given_flags, with_flags
 from .output import _number, _plain, _print, _print_json, _print_rows, _print_table
 from .progress import time_bar
@@ -154,7 +155,7 @@ def pattern(*, flags: Any = None, config: _File = None) -> int:
     settings = make_config(PatternConfig, given_flags(flags), config)
     numbers = _pattern_numbers(settings)
     if settings.out is not None:
-        from ..run import prepare_folder
+        from ..runs import prepare_folder
         from ..views import plot_pattern
 
         walked = make_pattern(
@@ -208,7 +209,7 @@ def figures(
     json: _Json = False,
 ) -> int:
     """Draw the paper's Figs. 3, 5, 6 and 7, its stated figures beside ours."""
-    from ..run import prepare_folder
+    from ..runs import prepare_folder
     from .figures import draw_figures
 
     folder = prepare_folder(out)
@@ -331,8 +332,7 @@ def _perform(
     where: Address | None = None,
 ) -> int:
     """Simulate, save and print; return the exit code."""
-    from ..run import prepare_folder
-    from ..runs import ROWS_NAME
+    from ..runs import ROWS_NAME, prepare_folder
     from .runs import check_wishes, fulfil_wishes
 
     check_wishes(settings)

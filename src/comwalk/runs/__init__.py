@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .recorder import ROWS_NAME as ROWS_NAME
     from .recorder import Recorder as Recorder
     from .recorder import log_path as log_path
+    from .recorder import prepare_folder as prepare_folder
     from .run_data import Moment as Moment
     from .run_data import RunData as RunData
     from .run_data import Source as Source
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from .run_data import load_run as load_run
     from .run_data import read_columns as read_columns
     from .run_data import read_summary as read_summary
+    from .summary import outcome_text as outcome_text
     from .summary import summarize as summarize
     from .summary import versions as versions
 

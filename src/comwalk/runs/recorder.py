@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
 from pathlib import Path
 from types import TracebackType
 from typing import Any, BinaryIO
 
-from ..control import End, Outcome
 from ..errors import RunError
-from ..pattern import Phase
 from ..robot import Robot, load_robot
 from .columns import Log, rows_left, save_columns
 from .mcap_file import MCAP_NAME, write_mcap
 from .run_data import read_columns, read_summary
+from .summary import outcome_text
 
 try:
     import fcntl
@@ -127,6 +125,31 @@ def _lock(file: BinaryIO) -> bool:
     return True
 
 
+def prepare_folder(folder: str | Path) -> Path:
+    """Make a folder for a run, before hours are spent on it.
+
+    Args:
+        folder: Its path.
+
+    Returns:
+        The folder, which can be written.
+
+    Raises:
+        RunError: If it cannot be made or written.
+    """
+    path = Path(folder)
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        probe = path / ".comwalk"
+        probe.write_bytes(b"")
+        probe.unlink()
+    except OSError as error:
+        raise RunError(
+            f"cannot write the folder {path}: {error.strerror}; choose another by --out"
+        ) from None
+    return path
+
+
 def recover(folder: Path) -> bool:
     """Write run.npz of the rows that a killed run left, in place of an earlier run.
 
@@ -196,7 +219,7 @@ def origin(folder: Path) -> tuple[Robot | None, dict[str, Any], str | None]:
     outcome = None
     try:
         summary = read_summary(folder)
-        settings, outcome = summary["settings"], _ending(summary)
+        settings, outcome = summary["settings"], outcome_text(summary)
     except RunError:
         settings = _left_settings(folder)
     known = settings.get("config") or {}
@@ -205,13 +228,6 @@ def origin(folder: Path) -> tuple[Robot | None, dict[str, Any], str | None]:
         name = known.get("robot") or settings["robot"]
         robot = load_robot(name, profile=known.get("profile"))
     return robot, settings, outcome
-
-
-def _ending(summary: Mapping[str, Any]) -> str:
-    """Return how a saved run ended, in the words of its outcome."""
-    phase, step = Phase[summary["phase"].upper()], summary["steps_completed"]
-    end, time = End(summary["outcome"]), summary["time_s"]
-    return str(Outcome(end, time, phase, step, summary["cause"]))
 
 
 def _left_settings(folder: Path) -> dict[str, Any]:

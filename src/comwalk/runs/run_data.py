@@ -144,12 +144,15 @@ Source = Run | str | Path
 """A run, or its folder."""
 
 
-def data_of(source: Source | RunData, name: str | None = None) -> RunData:
+def data_of(
+    source: Source | RunData, name: str | None = None, *, whole: bool = True
+) -> RunData:
     """Return what views take of a run.
 
     Args:
         source: The run, or its folder.
         name: What its reader calls it; the folder's name or the robot's if None.
+        whole: Whether a folder needs a summary, as in `load_run`.
 
     Returns:
         The data.
@@ -160,15 +163,17 @@ def data_of(source: Source | RunData, name: str | None = None) -> RunData:
     if isinstance(source, RunData):
         data = source
     else:
-        data = load_run(source) if isinstance(source, (str, Path)) else source.data
+        is_folder = isinstance(source, (str, Path))
+        data = load_run(source, whole=whole) if is_folder else source.data
     return data if name is None else replace(data, name=name)
 
 
-def load_run(folder: str | Path) -> RunData:
+def load_run(folder: str | Path, *, whole: bool = True) -> RunData:
     """Load a saved run.
 
     Args:
         folder: A folder that `Run.save` wrote.
+        whole: Whether it needs a summary; its motion can be seen without.
 
     Returns:
         The data.
@@ -177,7 +182,14 @@ def load_run(folder: str | Path) -> RunData:
         RunError: If a file is missing or broken, or they do not go together.
     """
     path = Path(folder)
-    summary, columns = read_summary(path), read_columns(path)
+    columns: Mapping[str, np.ndarray] = {} if whole else read_columns(path)
+    try:
+        summary = read_summary(path)
+    except RunError:
+        if whole:
+            raise
+        summary = {"settings": {}}
+    columns = columns or read_columns(path)
     plan = _plan_of(summary["settings"].get("plan"))
     return RunData(
         path.resolve().name, summary, columns, _model_in(path, columns), plan

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 import platform
+from collections.abc import Mapping
 from importlib import metadata
 from typing import Any
 
 import numpy as np
 
-from ..control import Outcome
+from ..control import End, Outcome
 from ..embedding import yaw_of_quaternion
 from ..pattern import Pattern, Phase
 from ..robot import Kinematics, Robot
@@ -65,6 +66,26 @@ def summarize(
     if not pattern.plan.steps:
         figures |= dance_figures(log)
     return figures if robot is None else figures | _robot_figures(log, robot)
+
+
+def outcome_text(summary: Mapping[str, Any]) -> str:
+    """Return how a run ended, in the words of its `Outcome`.
+
+    Args:
+        summary: The summary of the run.
+
+    Returns:
+        One line, such as "completed in 8.20 s".
+    """
+    return str(
+        Outcome(
+            End(summary["outcome"]),
+            summary["time_s"],
+            Phase[summary["phase"].upper()],
+            summary["steps_completed"],
+            summary["cause"],
+        )
+    )
 
 
 def dance_figures(log: Log) -> dict[str, Any]:

@@ -27,7 +27,6 @@ if TYPE_CHECKING:
     from .scene_data import model_with_meshes as model_with_meshes
     from .scene_data import scene_of as scene_of
     from .scene_data import seen_of as seen_of
-    from .tables import outcome_text as outcome_text
     from .video import STILLS as STILLS
     from .video import check_film as check_film
     from .viewer import FRAMES as FRAMES

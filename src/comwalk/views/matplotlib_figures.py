@@ -18,11 +18,10 @@ from matplotlib.patches import Patch
 
 from ..embedding import EmbeddedMotion
 from ..errors import RunError
-from ..runs import RunData, Source, data_of
+from ..runs import RunData, Source, data_of, outcome_text
 from .charts import Band, Chart
 from .run_charts import error_chart, motion_chart
 from .scene_data import scene_of
-from .tables import outcome_text
 
 DPI = 150
 """Resolution of pictures [dots/inch]."""

@@ -19,7 +19,7 @@ from pathlib import Path
 from tempfile import NamedTemporaryFile
 
 from ..errors import ParameterError, RunError
-from ..runs import RunData, Source, data_of
+from ..runs import RunData, Source, data_of, outcome_text
 from .charts import chart_style, page_script, page_style
 from .run_charts import main_charts, run_charts
 from .scene import scene_film
@@ -28,7 +28,6 @@ from .tables import (
     changed_settings,
     figure_table,
     headlines,
-    outcome_text,
     settings_tables,
 )
 

@@ -53,7 +53,7 @@ def seen_of(source: Source | RunData, *, geometry: bool = False) -> RunData:
     Raises:
         RunError: If the run had no robot, or the folder is no readable run.
     """
-    data = data_of(source)
+    data = data_of(source, whole=False)
     model, columns = scene_of(data), data.columns
     missing = [name for name in _SEEN if name not in columns]
     if missing:

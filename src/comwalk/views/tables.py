@@ -75,22 +75,6 @@ def figure_of(summary: Summary, figure: Figure) -> float | None:
     return None if value is None else figure.factor * float(value)
 
 
-def outcome_text(summary: Summary) -> str:
-    """Return how a run ended, in words.
-
-    Args:
-        summary: The summary of a run.
-
-    Returns:
-        One line, such as "completed at 8.20 s".
-    """
-    text = f"{summary['outcome']} at {summary['time_s']:.2f} s"
-    if summary["outcome"] == "completed":
-        return text
-    phase = summary["phase"].replace("_", " ")
-    return f"{text} in the {phase} phase: {summary['cause']}"
-
-
 def figure_table(summaries: Sequence[Summary], names: Sequence[str] = ()) -> str:
     """Return the figures of a run as a table, or of two runs with their differences.
 

@@ -24,7 +24,6 @@ from ..embedding import (
 )
 from ..errors import ModelError, ParameterError
 from ..pattern import coefficients, make_pattern, plan_steps, transfer_zmp
-from ..runs import outcome_text
 from ..settings import table_of
 from ..setup import Setup, build_dance, build_walk
 from ..views import HOST, PORT, Address
@@ -422,6 +421,8 @@ def _print_summary(summary: dict[str, Any], folder: Path) -> None:
 
 def _summary_rows(s: dict[str, Any]) -> Iterator[tuple[str, str]]:
     """Yield names and texts of the figures of a run; empty texts for missing ones."""
+    from ..runs import outcome_text
+
     yield "outcome", outcome_text(s)
     if s["steps_planned"]:
         yield "steps", f"{s['steps_completed']} of {s['steps_planned']}"

@@ -143,39 +143,19 @@ def mink(solver: str, limits: str = "none") -> Callable:
     """Return what prepares mink with a QP solver and no, default or kept limits."""
 
     def make(problem: Problem) -> tuple[Tick, Read]:
-        from mink import (
-            SE3,
-            SO3,
-            ComTask,
-            Configuration,
-            ConfigurationLimit,
-            FrameTask,
-            PostureTask,
-            solve_ik,
-        )
+        import mink as lib
 
         model = problem.robot.model
-        configuration = Configuration(model)
-        ends = [FrameTask(s, "site", 1.0, 1.0) for s in problem.sites]
-        trunk, com = FrameTask(problem.robot.base_body, "body", 0.0, 1.0), ComTask(1.0)
-        costs = np.concatenate([np.zeros(6), _posture_costs(problem)])
-        posture = PostureTask(model, costs)
+        configuration = lib.Configuration(model)
+        ends = [lib.FrameTask(s, "site", 1.0, 1.0) for s in problem.sites]
+        trunk = lib.FrameTask(problem.robot.base_body, "body", 0.0, 1.0)
+        com, costs = lib.ComTask(1.0), [np.zeros(6), _posture_costs(problem)]
+        posture = lib.PostureTask(model, np.concatenate(costs))
         tasks = [*ends, trunk, com, posture]
-
-        def pose(R: np.ndarray, p: np.ndarray) -> SE3:
-            return SE3.from_rotation_and_translation(SO3.from_matrix(R), p)
-
-        targets = [
-            (
-                [pose(R, p) for R, p in _end_targets(problem, k)],
-                pose(_trunk_target(problem, k), problem.q[k, :3]),
-                problem.com[k] + DT * problem.com_velocity[k],
-            )
-            for k in range(len(problem))
-        ]
+        targets = _mink_targets(problem)
         ahead = problem.q.copy()
         ahead[:, 7:] += DT * problem.rates
-        kept = {"none": [], "default": None, "kept": [ConfigurationLimit(model)]}
+        kept = {"none": [], "default": None, "kept": [lib.ConfigurationLimit(model)]}
         wanted = kept[limits]
 
         def tick(k: int) -> np.ndarray:
@@ -186,7 +166,7 @@ def mink(solver: str, limits: str = "none") -> Callable:
             trunk.set_target(body)
             com.set_target(point)
             posture.set_target(ahead[k])
-            return solve_ik(configuration, tasks, DT, solver, limits=wanted)
+            return lib.solve_ik(configuration, tasks, DT, solver, limits=wanted)
 
         def read(k: int, v: np.ndarray) -> np.ndarray:
             return np.concatenate([v[:3], problem.trunk[k] @ v[3:6], v[6:]])
@@ -194,6 +174,23 @@ def mink(solver: str, limits: str = "none") -> Callable:
         return tick, read
 
     return make
+
+
+def _mink_targets(problem: Problem) -> list[tuple[list[Any], Any, np.ndarray]]:
+    """Return where ends, trunk and CoM are to be a tick ahead, for each state."""
+    from mink import SE3, SO3
+
+    def pose(R: np.ndarray, p: np.ndarray) -> SE3:
+        return SE3.from_rotation_and_translation(SO3.from_matrix(R), p)
+
+    return [
+        (
+            [pose(R, p) for R, p in _end_targets(problem, k)],
+            pose(_trunk_target(problem, k), problem.q[k, :3]),
+            problem.com[k] + DT * problem.com_velocity[k],
+        )
+        for k in range(len(problem))
+    ]
 
 
 # ---- placo -----------------------------------------------------------------------
@@ -223,23 +220,12 @@ def placo(limited: bool = False) -> Callable:
             task = solver.add_frame_task(f"site{s}", np.eye(4))
             task.configure(f"site{s}", "soft", 1.0, 1.0)
             ends.append(task)
-        names = problem.robot.joints
-        groups = [(problem.given, 1.0), (problem.wished, WISHED**2)]
-        groups = [(joints, weight) for joints, weight in groups if len(joints)]
         postures = []
-        for _, weight in groups:
+        for weight in _postures(problem).values():
             task = solver.add_joints_task()
             task.configure("posture", "soft", weight)
             postures.append(task)
-        targets = []
-        for k in range(len(problem)):
-            poses = [np.eye(4) for _ in problem.sites]
-            for pose, (R, p) in zip(poses, _end_targets(problem, k), strict=True):
-                pose[:3, :3], pose[:3, 3] = R, p
-            angles = problem.q[k, 7:] + DT * problem.rates[k]
-            wishes = [{names[j]: float(angles[j]) for j in g} for g, _ in groups]
-            point = problem.com[k] + DT * problem.com_velocity[k]
-            targets.append((poses, _trunk_target(problem, k), point, wishes))
+        targets = _placo_targets(problem)
 
         def tick(k: int) -> np.ndarray:
             robot.state.q = layout.q[k]
@@ -256,6 +242,29 @@ def placo(limited: bool = False) -> Callable:
         return tick, lambda k, step: layout.read(k, step / DT)
 
     return make
+
+
+def _postures(problem: Problem) -> dict[str, float]:
+    """Return the weights of the groups of joints whose rates are asked for."""
+    weights = {"given": 1.0, "wished": WISHED**2}
+    return {name: w for name, w in weights.items() if len(getattr(problem, name))}
+
+
+def _placo_targets(problem: Problem) -> list[tuple[Any, ...]]:
+    """Return where ends, trunk, CoM and joints are to be a tick ahead, by state."""
+    names, targets = problem.robot.joints, []
+    for k in range(len(problem)):
+        poses = [np.eye(4) for _ in problem.sites]
+        for pose, (R, p) in zip(poses, _end_targets(problem, k), strict=True):
+            pose[:3, :3], pose[:3, 3] = R, p
+        angles = problem.q[k, 7:] + DT * problem.rates[k]
+        wishes = [
+            {names[j]: float(angles[j]) for j in getattr(problem, group)}
+            for group in _postures(problem)
+        ]
+        point = problem.com[k] + DT * problem.com_velocity[k]
+        targets.append((poses, _trunk_target(problem, k), point, wishes))
+    return targets
 
 
 # ---- TSID ------------------------------------------------------------------------
@@ -286,21 +295,10 @@ def tsid(problem: Problem) -> tuple[Tick, Read]:
     com.setKp(np.zeros(3))
     com.setKd(np.zeros(3))
     formulation.addMotionTask(com, 1.0, 1, 0.0)
-    na, postures = robot.na, []
-    for name, joints, weight in (
-        ("given", problem.given, 1.0),
-        ("wished", problem.wished, WISHED**2),
-    ):
-        if not len(joints):
-            continue
-        mask = np.zeros(na)
-        mask[joints] = 1.0
-        task = lib.TaskJointPosture(name, robot)
-        task.setKp(np.zeros(na))
-        task.setKd(np.zeros(na))
-        task.setMask(layout.theirs(mask))
-        formulation.addMotionTask(task, weight, 1, 0.0)
-        postures.append(task)
+    postures = [
+        _posture_task(lib, robot, formulation, layout.theirs(mask), weight)
+        for mask, weight in _masks(problem)
+    ]
     solver = lib.SolverHQuadProgFast("qp")
     solver.resize(formulation.nVar, formulation.nEq, formulation.nIn)
     rates = layout.theirs(problem.rates)
@@ -308,7 +306,7 @@ def tsid(problem: Problem) -> tuple[Tick, Read]:
         (
             [_sample(lib, 12, 6, a) for a in _twists(problem, k)],
             _sample(lib, 3, 3, problem.com_velocity[k]),
-            _sample(lib, na, na, rates[k]),
+            _sample(lib, robot.na, robot.na, rates[k]),
         )
         for k in range(len(problem))
     ]
@@ -325,6 +323,28 @@ def tsid(problem: Problem) -> tuple[Tick, Read]:
 
     tick.kept = (contact, solver, robot, model)  # it holds raw references to them
     return tick, layout.read
+
+
+def _masks(problem: Problem) -> list[tuple[np.ndarray, float]]:
+    """Return which joints are in a posture task, as zeros and ones, and its weight."""
+    masks = []
+    for group, weight in _postures(problem).items():
+        mask = np.zeros(len(problem.robot.joints))
+        mask[getattr(problem, group)] = 1.0
+        masks.append((mask, weight))
+    return masks
+
+
+def _posture_task(
+    lib: Any, robot: Any, formulation: Any, mask: np.ndarray, weight: float
+) -> Any:
+    """Add a task of joint accelerations without feedback."""
+    task = lib.TaskJointPosture(f"posture {weight:g}", robot)
+    task.setKp(np.zeros(robot.na))
+    task.setKd(np.zeros(robot.na))
+    task.setMask(mask)
+    formulation.addMotionTask(task, weight, 1, 0.0)
+    return task
 
 
 def _tsid() -> Any:

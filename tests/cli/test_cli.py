@@ -487,7 +487,7 @@ def test_a_closed_pipe_is_no_error(monkeypatch):
     def closed(*args, **kwargs):
         raise BrokenPipeError
 
-    monkeypatch.setattr(output, "_print_table", closed)
+    monkeypatch.setattr(output, "print_table", closed)
     monkeypatch.setattr(cli.os, "dup2", lambda *args: None)
     assert main(["motions"]) == 1
 

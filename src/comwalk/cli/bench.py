@@ -2,15 +2,12 @@
 
 from __future__ import annotations
 
-import json as json_format
 import os
 import sys
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.table import Table
 
 from ..bench import (
     ABLATIONS,
@@ -34,6 +31,7 @@ from ..bench import (
 from ..errors import ParameterError, RunError, checked_count, nearest
 from ..robot.loaders import ROBOTS
 from ..runs import prepare_folder
+from .output import print_json, print_table, print_text
 from .progress import counting_bar
 
 DOCUMENT = Path("docs/robots.md")
@@ -112,7 +110,7 @@ def bench(
         )
         for fault in write_report(gathered, DOCUMENT):
             print(f"comwalk: {fault}", file=sys.stderr)
-    _print_json(findings) if json else _print_tables(findings)
+    _print_results(findings) if json else _print_tables(findings)
     return int(any(_failed(*pair) for pair in zip(jobs, results, strict=True)))
 
 
@@ -153,7 +151,7 @@ def _failed(job: Job, result: dict[str, Any]) -> bool:
     return plain and default and result["outcome"] != "completed"
 
 
-def _print_json(findings: Findings) -> None:
+def _print_results(findings: Findings) -> None:
     """Print all results."""
     rows = [
         {
@@ -164,21 +162,18 @@ def _print_json(findings: Findings) -> None:
         }
         for job, result in zip(findings.jobs, findings.results, strict=True)
     ]
-    print(json_format.dumps(rows, indent=2, allow_nan=False))
+    print_json(rows)
 
 
 def _print_tables(findings: Findings) -> None:
     """Print all tables, and why anything was refused."""
-    console = Console(markup=False, emoji=False, highlight=False)
     for title, head, rows in tables_of_findings(findings):
-        table = Table(*head, title=title, box=None, title_justify="left")
-        for row in rows:
-            table.add_row(*row)
-        console.print(table, "")
+        print_table(rows, head, title)
+        print()
     causes: dict[tuple[str, str], list[str]] = {}
     for job, result in zip(findings.jobs, findings.results, strict=True):
         if result["outcome"] == "refused":
             causes.setdefault((job.robot, result["cause"]), []).append(job.case.name)
     for (robot, cause), names in causes.items():
         more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-        console.print(f"{robot}, {names[0]}{more}, refused: {cause}")
+        print_text(f"{robot}, {names[0]}{more}, refused: {cause}")

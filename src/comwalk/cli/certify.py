@@ -20,6 +20,7 @@ from .certificate_table import (
     sections_of_certificate,
 )
 from .options import flags_of, given_flags, with_flags
+from .output import print_json
 
 _Flags = flags_of(CertifyConfig, ("robot",))
 
@@ -59,7 +60,7 @@ def certify(
     if settings.out is not None:
         numbers["files"] = _written(certificate, numbers, Path(settings.out))
     if settings.json:
-        print(json_format.dumps(numbers, indent=2, allow_nan=False))
+        print_json(numbers)
     else:
         _print(certificate, numbers)
     return 0 if certificate.stable else 1
@@ -77,7 +78,7 @@ def _compare(run: Path, given: dict[str, Any], config: Path | None) -> int:
         )
     axes = observe_run(run)
     if given.get("json"):
-        print(json_format.dumps(numbers_of_observed(axes), indent=2, allow_nan=False))
+        print_json(numbers_of_observed(axes))
     else:
         print("\n".join(line for x in axes for line in lines_of_observed(x)))
     compared = [c for x in axes for c in (x.ideal, x.loop) if c is not None]

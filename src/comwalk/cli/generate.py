@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-import json as json_format
 import math
 from pathlib import Path
 from typing import Annotated, Literal
 
 from cyclopts import Parameter
-from rich.console import Console
 
 from ..errors import RunError
 from ..generate import Dataset, Ranges
 from ..generate import generate as generated
 from ..robot import load_robot
 from ..runs import prepare_folder
+from .output import print_json
 from .progress import counting_bar
 
 _USUAL = Ranges()
@@ -114,9 +113,9 @@ def _tell(dataset: Dataset, what: str, robot: str, path: Path, json: bool) -> No
             "refused": dataset.refused,
             "bytes": size,
         }
-        print(json_format.dumps(facts, indent=2, allow_nan=False))
+        print_json(facts)
         return
-    Console(markup=False, emoji=False, highlight=False, soft_wrap=True).print(
+    print(
         f"{path}: {dataset.motions} {what} of {robot}, {rows} rows, {size / 1e6:.1f} "
         f"MB; {dataset.refused} more were drawn that it cannot follow"
     )

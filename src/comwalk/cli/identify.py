@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.table import Table
 
 from ..certificates import default_control
 from ..certificates.identification import Identified
@@ -19,6 +17,7 @@ from ..runs import prepare_folder
 from ..setup import build_identify
 from .certificate_table import facts_of, loop_table
 from .options import flags_of, given_flags, with_flags
+from .output import print_json, print_table, print_text
 from .progress import share_bar
 
 _Flags = flags_of(IdentifyConfig, ("robot", "gains", "control", "push"))
@@ -59,7 +58,7 @@ def identify(
     if folder is not None:
         _write(folder, found, settings.robot, facts)
     if settings.json:
-        print(json_format.dumps(facts, indent=2, allow_nan=False))
+        print_json(facts)
     else:
         _print(facts, folder)
     return 0
@@ -77,22 +76,22 @@ def _write(folder: Path, found: Identified, robot: str, facts: dict[str, Any]) -
 
 def _print(facts: dict[str, Any], folder: Path | None) -> None:
     """Print a table for people."""
-    table = Table("", "x", "y", box=None, pad_edge=False)
-    x, y = (facts["axes"][axis] for axis in "xy")
-    for name, key, scale, digits, unit in _ROWS:
-        cells = (_cell(part[key], scale, digits, unit) for part in (x, y))
-        table.add_row(name, *cells)
-    for name, key in (("walking", "walking"), ("standing", "standing")):
-        cells = (_margin(part["more_delay_ms"][key]) for part in (x, y))
-        table.add_row(f"more delay borne {name}", *cells)
-    console = Console(markup=False, emoji=False, highlight=False)
+    parts = [facts["axes"][axis] for axis in "xy"]
+    rows = [
+        (name, *(_cell(part[key], scale, digits, unit) for part in parts))
+        for name, key, scale, digits, unit in _ROWS
+    ]
+    rows += [
+        (f"more delay borne {use}", *(_margin(p["more_delay_ms"][use]) for p in parts))
+        for use in ("walking", "standing")
+    ]
     dead, noise = facts["dead_time_ms"], facts["noise"]
-    console.print(f"{facts['robot']}, shaken for {facts['duration_s']:.0f} s")
-    console.print(
+    print_text(f"{facts['robot']}, shaken for {facts['duration_s']:.0f} s")
+    print_text(
         f"dead time {_cell(dead, 1.0, 1, 'ms')}: --control.delay {facts['delay_ticks']}"
     )
-    console.print(table)
-    console.print(
+    print_table(rows, ("", "x", "y"))
+    print_text(
         f"noise: encoders {noise['encoders_rad']:.1e} rad, ankles "
         f"{noise['force_N']:.2g} N and {noise['torque_Nm']:.2g} N m, tilt "
         f"{noise['tilt_rad']:.1e} rad; CoM {noise['com_mm']['x']:.2g} / "
@@ -100,7 +99,7 @@ def _print(facts: dict[str, Any], folder: Path | None) -> None:
         f"{noise['zmp_mm']['y']:.2g} mm"
     )
     if folder is not None:
-        console.print(f"written to {folder}")
+        print_text(f"written to {folder}")
 
 
 _ROWS = (

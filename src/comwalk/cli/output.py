@@ -3,53 +3,67 @@
 from __future__ import annotations
 
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from rich.console import Console
 from rich.table import Table
 
-if TYPE_CHECKING:
-    pass
 
+def print_json(value: Any) -> None:
+    """Print one JSON value.
 
-def _print(text: str) -> None:
-    """Print a line as it is."""
-    print(text)
-
-
-def _print_json(value: Any) -> None:
-    """Print one JSON value."""
+    Args:
+        value: Dictionaries, lists, texts and finite numbers.
+    """
     print(json.dumps(value, indent=2, allow_nan=False))
 
 
-def _print_rows(rows: list[dict[str, Any]], as_json: bool) -> None:
-    """Print dictionaries of the same keys as a table, or as JSON."""
-    if as_json:
-        _print_json(rows)
-        return
-    cells = [tuple(_cell(v) for v in row.values()) for row in rows]
-    _print_table(cells, tuple(rows[0]))
+def print_text(text: str) -> None:
+    """Print text, broken between words where the terminal ends.
+
+    Args:
+        text: Printed as it is.
+    """
+    Console(markup=False, emoji=False, highlight=False).print(text)
 
 
-def _print_table(rows: list[tuple], head: tuple[str, ...] = ("", "")) -> None:
-    """Print a table without lines."""
-    table = Table(*head, box=None, show_header=any(head), pad_edge=False)
+def print_table(
+    rows: Iterable[Sequence[str]], head: Sequence[str] = ("", ""), title: str = ""
+) -> None:
+    """Print a table without lines.
+
+    Args:
+        rows: Texts, as many as the head has.
+        head: Names of the columns; no line for them if all are empty.
+        title: What stands above it, if anything.
+    """
+    options: dict[str, Any] = {"title": title, "title_justify": "left"} if title else {}
+    table = Table(*head, box=None, show_header=any(head), pad_edge=False, **options)
     for row in rows:
         table.add_row(*row)
     Console(markup=False, emoji=False, highlight=False).print(table)
 
 
-def _number(value: Any) -> str:
+def print_rows(rows: Sequence[dict[str, Any]], as_json: bool) -> None:
+    """Print dictionaries of the same keys as a table, or as JSON.
+
+    Args:
+        rows: The dictionaries, at least one.
+        as_json: Whether JSON is wanted.
+    """
+    if as_json:
+        print_json(rows)
+        return
+    print_table([[_cell(v) for v in row.values()] for row in rows], tuple(rows[0]))
+
+
+def short_number(value: Any) -> str:
+    """Return a number with six digits, nothing for None, other values as text."""
     if value is None:
         return ""
     return f"{value:.6g}" if isinstance(value, float) else str(value)
 
 
 def _cell(value: Any) -> str:
-    return ", ".join(value) if isinstance(value, list) else _number(value)
-
-
-def _plain(value: Any) -> Any:
-    from ..run import plain
-
-    return plain(value)
+    return ", ".join(value) if isinstance(value, list) else short_number(value)

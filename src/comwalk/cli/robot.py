@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json as json_format
 from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
-from rich.console import Console
-from rich.table import Table
 
 from ..certificates import describe, profile_of, rows_of
 from ..robot import load_robot
 from ..robot import write_profile as write_file
+from .output import print_json, print_table
 
 
 def robot(
@@ -51,11 +49,8 @@ def robot(
         draw_portrait(loaded, picture)
         facts["picture"] = str(picture)
     if json:
-        print(json_format.dumps(facts, indent=2, allow_nan=False))
+        print_json(facts)
         return 0
     written = [(k, facts[k]) for k in ("profile", "picture") if k in facts]
-    table = Table("", "", box=None, show_header=False, pad_edge=False)
-    for row in [*rows_of(facts), *written]:
-        table.add_row(*row)
-    Console(markup=False, emoji=False, highlight=False).print(table)
+    print_table([*rows_of(facts), *written])
     return 0

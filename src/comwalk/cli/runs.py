@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import json as json_format
 import sys
 from pathlib import Path
 from typing import Annotated, Any
 
 from cyclopts import Parameter
 from rich.console import Console
-from rich.table import Table
 
 from ..config import RobotConfig
 from ..errors import ComwalkError, ParameterError, RunError
@@ -23,6 +21,7 @@ from ..runs import (
     log_path,
 )
 from ..views import STILLS, check_film
+from .output import print_json, print_table, short_number
 from .progress import share_bar
 
 
@@ -184,20 +183,15 @@ def log(run: _Run, /, *, json: _Json = False) -> int:
     with Console(stderr=True).status("reading"):
         facts = inspect(path)
     if json:
-        _print_json(_table_of(facts, path))
+        print_json(_table_of(facts, path))
         return 0
-    console = Console(markup=False, emoji=False, highlight=False)
-    about = Table("", "", box=None, show_header=False, pad_edge=False)
-    for name, text in _about(facts):
-        about.add_row(name, text)
-    console.print(about)
-    head = ("topic", "messages", "Hz", "from", "to", "type")
-    rows = Table(*head, box=None, pad_edge=False)
+    print_table(_about(facts))
+    rows = []
     for topic in facts.topics:
-        rate = "" if topic.rate is None else f"{topic.rate:.6g}"
         times = f"{topic.first_s:.3f} s", f"{topic.last_s:.3f} s"
-        rows.add_row(topic.topic, str(topic.messages), rate, *times, topic.kind)
-    console.print(rows)
+        rate = short_number(topic.rate)
+        rows.append((topic.topic, str(topic.messages), rate, *times, topic.kind))
+    print_table(rows, ("topic", "messages", "Hz", "from", "to", "type"))
     print(f"in {path}")
     return 0
 
@@ -261,7 +255,7 @@ def export(
             if asked[name]:
                 written[name] = [str(file) for file in write(folder, base / name)]
     if json:
-        _print_json({"files": written})
+        print_json({"files": written})
         return 0
     for name, files in written.items():
         print(f"{len(files)} files in {base / name}")
@@ -269,8 +263,3 @@ def export(
 
 
 _WRITERS = {"csv": export_csv, "parquet": export_parquet, "rosbag2": export_rosbag2}
-
-
-def _print_json(value: Any) -> None:
-    """Print one JSON value."""
-    print(json_format.dumps(value, indent=2, allow_nan=False))

@@ -28,7 +28,7 @@ from ..settings import table_of
 from ..setup import Setup, build_dance, build_walk
 from ..views import HOST, PORT, Address
 from .options import HostFlag, OpenFlag, PortFlag, flags_of, given_flags, with_flags
-from .output import _number, _plain, _print, _print_json, _print_rows, _print_table
+from .output import print_json, print_rows, print_table, short_number
 from .progress import time_bar
 
 if TYPE_CHECKING:
@@ -119,11 +119,13 @@ def check(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -
     rows = [dataclasses.asdict(demand) for demand in result.demands]
     if settings.json:
         nearest = [{"change": c.text, "amount": c.amount} for c in changes]
-        _print_json({"ok": result.ok, "nearest": nearest, "demands": _plain(rows)})
+        from ..run import plain
+
+        print_json({"ok": result.ok, "nearest": nearest, "demands": plain(rows)})
     else:
         cells = [_demand_cells(row) for row in rows[:_DEMANDS_SHOWN]]
-        _print_table(cells, ("used", "what", "of", "asked", "limit", "unit", "at"))
-        _print("it fits" if result.ok else f"it does not fit; {advice(changes)}")
+        print_table(cells, ("used", "what", "of", "asked", "limit", "unit", "at"))
+        print("it fits" if result.ok else f"it does not fit; {advice(changes)}")
     return 0 if result.ok else 1
 
 
@@ -164,10 +166,10 @@ def pattern(*, flags: Any = None, config: _File = None) -> int:
         plot_pattern(walked, picture)
         numbers["picture"] = str(picture)
     if settings.json:
-        _print_json(numbers)
+        print_json(numbers)
     else:
-        rows = [(_PATTERN_ROWS.get(k, k), _number(v)) for k, v in numbers.items()]
-        _print_table(rows)
+        rows = [(_PATTERN_ROWS.get(k, k), short_number(v)) for k, v in numbers.items()]
+        print_table(rows)
     return 0
 
 
@@ -215,15 +217,17 @@ def figures(
     with _status(quiet=json) as say:
         numbers = draw_figures(folder, progress=say)
     if json:
-        _print_json(_plain(numbers))
+        from ..run import plain
+
+        print_json(plain(numbers))
         return 0
     rows = [
-        (figure, name, *(_number(row[k]) for k in ("paper", "ours", "unit")))
+        (figure, name, *(short_number(row[k]) for k in ("paper", "ours", "unit")))
         for figure, quantities in numbers.items()
         for name, row in quantities.items()
     ]
-    _print_table(rows, ("figure", "quantity", "paper", "ours", "unit"))
-    _print(f"written to {folder}")
+    print_table(rows, ("figure", "quantity", "paper", "ours", "unit"))
+    print(f"written to {folder}")
     return 0
 
 
@@ -249,7 +253,7 @@ def motions(
         rows = _motion_rows(load_motion(motion, robot_joints=joints))
     else:
         rows = _motion_rows(builtin_motion(motion))
-    _print_rows(rows, json)
+    print_rows(rows, json)
     return 0
 
 
@@ -281,7 +285,7 @@ def robots(*, json: _Json = False) -> int:
         except ModelError:
             pass
         rows.append({"name": name, "installed": remedy, "what": what})
-    _print_rows(rows, json)
+    print_rows(rows, json)
     return 0
 
 
@@ -303,7 +307,7 @@ def replay(
         from ..runs import read_summary
 
         summary = read_summary(run)
-        _print_json(summary) if json else _print_summary(summary, run)
+        print_json(summary) if json else _print_summary(summary, run)
         return 0
     from ..replay import replay as play
 
@@ -311,12 +315,12 @@ def replay(
     differences = (result["position_difference"], result["velocity_difference"])
     same = max(differences) <= LARGEST_REPLAY_ERROR
     if json:
-        _print_json({**result, "verified": same})
+        print_json({**result, "verified": same})
     else:
         q, v = differences
-        _print(f"{result['ticks']} ticks replayed; largest difference of qpos: {q:.3g}")
-        _print(f"largest difference of qvel: {v:.3g}")
-        _print("verified" if same else "NOT the recorded run")
+        print(f"{result['ticks']} ticks replayed; largest difference of qpos: {q:.3g}")
+        print(f"largest difference of qvel: {v:.3g}")
+        print("verified" if same else "NOT the recorded run")
     return 0 if same else 1
 
 
@@ -358,7 +362,7 @@ def _perform(
     run = dataclasses.replace(run, settings={**run.settings, "out": str(folder)})
     run.save(folder)
     summary = run.summary()
-    _print_json(summary) if settings.json else _print_summary(summary, folder)
+    print_json(summary) if settings.json else _print_summary(summary, folder)
     if not fulfil_wishes(run, folder, settings):
         return 2
     return 0 if run.outcome.ok else 1
@@ -395,7 +399,7 @@ def _telling(
 
     def show(time: float) -> None:
         if left:
-            _print(left.pop())
+            print(left.pop())
         if progress is not None:
             progress(time)
 
@@ -415,8 +419,8 @@ def _status(quiet: bool) -> Generator[Callable[[str], None] | None]:
 
 def _print_summary(summary: dict[str, Any], folder: Path) -> None:
     """Print the short table of a run."""
-    _print_table([(name, text) for name, text in _summary_rows(summary) if text])
-    _print(f"written to {folder}")
+    print_table([(name, text) for name, text in _summary_rows(summary) if text])
+    print(f"written to {folder}")
 
 
 def _summary_rows(s: dict[str, Any]) -> Iterator[tuple[str, str]]:

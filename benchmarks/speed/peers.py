@@ -215,17 +215,13 @@ def placo(limited: bool = False) -> Callable:
         com.configure("com", "soft", 1.0)
         trunk = solver.add_orientation_task("body1", np.eye(3))
         trunk.configure("trunk", "soft", 1.0)
-        ends = []
-        for s in problem.sites:
-            task = solver.add_frame_task(f"site{s}", np.eye(4))
-            task.configure(f"site{s}", "soft", 1.0, 1.0)
-            ends.append(task)
-        postures = []
-        for weight in _postures(problem).values():
-            task = solver.add_joints_task()
-            task.configure("posture", "soft", weight)
-            postures.append(task)
-        targets = _placo_targets(problem)
+        ends = [solver.add_frame_task(f"site{s}", np.eye(4)) for s in problem.sites]
+        for end in ends:
+            end.configure("end", "soft", 1.0, 1.0)
+        weights, targets = _postures(problem).values(), _placo_targets(problem)
+        postures = [solver.add_joints_task() for _ in weights]
+        for posture, weight in zip(postures, weights, strict=True):
+            posture.configure("posture", "soft", weight)
 
         def tick(k: int) -> np.ndarray:
             robot.state.q = layout.q[k]
@@ -291,9 +287,7 @@ def tsid(problem: Problem) -> tuple[Tick, Read]:
     frames = [(f"site{s}", np.ones(6)) for s in problem.sites[1:]]
     frames.append(("body1", np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0])))
     bodies = [_frame_task(lib, robot, formulation, *frame) for frame in frames]
-    com = lib.TaskComEquality("com", robot)
-    com.setKp(np.zeros(3))
-    com.setKd(np.zeros(3))
+    com = _without_feedback(lib.TaskComEquality("com", robot), 3)
     formulation.addMotionTask(com, 1.0, 1, 0.0)
     postures = [
         _posture_task(lib, robot, formulation, layout.theirs(mask), weight)
@@ -301,15 +295,7 @@ def tsid(problem: Problem) -> tuple[Tick, Read]:
     ]
     solver = lib.SolverHQuadProgFast("qp")
     solver.resize(formulation.nVar, formulation.nEq, formulation.nIn)
-    rates = layout.theirs(problem.rates)
-    samples = [
-        (
-            [_sample(lib, 12, 6, a) for a in _twists(problem, k)],
-            _sample(lib, 3, 3, problem.com_velocity[k]),
-            _sample(lib, robot.na, robot.na, rates[k]),
-        )
-        for k in range(len(problem))
-    ]
+    samples = _tsid_samples(lib, problem, layout.theirs(problem.rates))
 
     def tick(k: int) -> np.ndarray:
         ends, point, wish = samples[k]
@@ -323,6 +309,27 @@ def tsid(problem: Problem) -> tuple[Tick, Read]:
 
     tick.kept = (contact, solver, robot, model)  # it holds raw references to them
     return tick, layout.read
+
+
+def _without_feedback(task: Any, size: int) -> Any:
+    task.setKp(np.zeros(size))
+    task.setKd(np.zeros(size))
+    return task
+
+
+def _tsid_samples(
+    lib: Any, problem: Problem, rates: np.ndarray
+) -> list[tuple[list[Any], Any, Any]]:
+    """Return the accelerations of ends, CoM and joints to ask for, by state."""
+    count = rates.shape[1]
+    return [
+        (
+            [_sample(lib, 12, 6, a) for a in _twists(problem, k)],
+            _sample(lib, 3, 3, problem.com_velocity[k]),
+            _sample(lib, count, count, rates[k]),
+        )
+        for k in range(len(problem))
+    ]
 
 
 def _masks(problem: Problem) -> list[tuple[np.ndarray, float]]:
@@ -340,9 +347,7 @@ def _posture_task(
 ) -> Any:
     """Add a task of joint accelerations without feedback."""
     task = lib.TaskJointPosture(f"posture {weight:g}", robot)
-    task.setKp(np.zeros(robot.na))
-    task.setKd(np.zeros(robot.na))
-    task.setMask(mask)
+    _without_feedback(task, robot.na).setMask(mask)
     formulation.addMotionTask(task, weight, 1, 0.0)
     return task
 

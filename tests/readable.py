@@ -300,7 +300,7 @@ class Weighing:
             weight: Weight of the model [N].
             period: Control period [s].
         """
-        self.heaviness = 1.0
+        self.mass_ratio = 1.0
         """The robot's mass over the model's [-]."""
         self._weight = weight
         self._offset = (0.0, 0.0)  # the true CoM from the model's, heading's axes [m]
@@ -332,17 +332,17 @@ class Weighing:
         """
         if reference.phase is not Phase.STAND or reference.step:
             return 1.0
-        heaviness = load / self._weight
-        if self._seen < self._most and 0.5 < heaviness < 2.0:
-            self._learn(reference.heading, heaviness, *lean.tolist())
+        mass_ratio = load / self._weight
+        if self._seen < self._most and 0.5 < mass_ratio < 2.0:
+            self._learn(reference.heading, mass_ratio, *lean.tolist())
         return minimum_jerk((reference.time - WEIGHING_TIME) / RISE_TIME)[0]
 
-    def _learn(self, heading: float, heaviness: float, x: float, y: float) -> None:
+    def _learn(self, heading: float, mass_ratio: float, x: float, y: float) -> None:
         """Add a reading to the averages."""
         self._seen += 1
         a, (b_x, b_y) = 1.0 / self._seen, self._offset
         c, s = math.cos(heading), math.sin(heading)
-        self.heaviness += a * (heaviness - self.heaviness)
+        self.mass_ratio += a * (mass_ratio - self.mass_ratio)
         self._offset = b_x + a * (c * x + s * y - b_x), b_y + a * (c * y - s * x - b_y)
 
 
@@ -437,7 +437,7 @@ class ReadableController:
         reference: ControlReference,
         com: np.ndarray | Sequence[float],
         zmp: np.ndarray | Sequence[float],
-        trust: float = 1.0,
+        feedback_scale: float = 1.0,
     ) -> ControlOutput:
         """Return the command of one tick.
 
@@ -445,7 +445,7 @@ class ReadableController:
             reference: The reference at this tick.
             com: Measured CoM [m], world, (2,) or (3,).
             zmp: Measured ZMP [m], world, (2,); the last one known if there is none.
-            trust: Factor on the feedback [-], in [0, 1].
+            feedback_scale: Factor on the feedback [-], in [0, 1].
 
         Returns:
             The bounded CoM velocity u, the CoM command, the errors.
@@ -462,7 +462,7 @@ class ReadableController:
         gains = self.gains.blend(reference.walking)
         w_x, w_y = heading_correction(reference.heading, e_p, e_c, *gains)
         limit = self.settings.max_correction
-        w_x, w_y, fast = _limited(trust * w_x, trust * w_y, limit)
+        w_x, w_y, fast = _limited(feedback_scale * w_x, feedback_scale * w_y, limit)
         o_x, o_y = self._offset
         w_x, w_y, far = self._integrate(w_x, w_y)
         cdot_d, c_d = reference.com_velocity, self._past[-1][0]
@@ -654,12 +654,12 @@ class ReadableBody:
         zmp = zmp_from_wrenches(contacts, least_load=0.05 * self._weight)
         self._zmp = self._zmp if zmp is None else zmp
         com = np.array(place.of(seen[4]))
-        trust = 1.0
+        feedback_scale = 1.0
         if self.settings.calibration:
-            trust = self._weighing.weigh(reference, load, self._zmp - com[:2])
+            feedback_scale = self._weighing.weigh(reference, load, self._zmp - com[:2])
             com[:2] += self._weighing.offset(reference.heading)
         tilt = tilt_of(sensors.orientation)
-        return Measurement(com, self._zmp, load, tilt, trust)
+        return Measurement(com, self._zmp, load, tilt, feedback_scale)
 
     def _feel_edges(self, wrenches: np.ndarray) -> None:
         """Find where on the soles the ground presses, as shares of their half size."""
@@ -855,7 +855,7 @@ class ReadableBody:
         q, rates = self.configuration[7:].copy(), resolution.rates
         if self.settings.deflection_compensation:
             torques = self._planned_torques(resolution, reference)
-            torques *= self._weighing.heaviness
+            torques *= self._weighing.mass_ratio
             q += (torques + self.robot.servo.damping * rates) / self._stiffness
         if self.motion is not None and not self.settings.embed_motion:
             q[self._dancing], _ = self.motion.at(reference.time)

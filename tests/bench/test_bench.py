@@ -232,8 +232,8 @@ def findings_of_everything():
             result |= {"sole_mm": [200.0, 100.0], "step_m": 0.2, "period_s": 1.0}
         elif case is SPEED:
             result = {"outcome": "found", "speed_m_s": 0.5, "cause": "torque of knee"}
-        elif case.shove is not None:
-            result = {"outcome": "found", "push_m_s": case.shove.share, "foot": "right"}
+        elif case.push is not None:
+            result = {"outcome": "found", "push_m_s": case.push.share, "foot": "right"}
         elif case.task == "dance":
             result |= {"steps_planned": 0, "zmp_deviation_max_mm": {"x": 7.0, "y": 3.0}}
         elif case.group == "floor" and case.name.endswith("#3"):

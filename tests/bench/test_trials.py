@@ -15,7 +15,7 @@ from comwalk.bench.cases import (
     ABLATIONS,
     OPEN_LOOP,
     Case,
-    Shove,
+    RelativePush,
     all_cases,
     floors,
     pushes,
@@ -94,7 +94,7 @@ def test_speed_is_searched_inside_the_limits(monkeypatch):
     """Joints that use 40 % of their speed at natural speed allow 2.5 of it."""
 
     def walk(robot, case):
-        return FINE | {"joint_speed_max_pct": 40.0 * case.haste}
+        return FINE | {"joint_speed_max_pct": 40.0 * case.speed_ratio}
 
     monkeypatch.setattr(trials, "perform", walk)
     gait = default_gait(paper())
@@ -108,7 +108,7 @@ def test_speed_is_searched_inside_the_limits(monkeypatch):
 def test_pushes_are_searched_until_the_fall(monkeypatch):
     def walk(robot, case):
         fell = {"outcome": "fell", "cause": "it fell"}
-        return FINE if case.shove.speed <= 0.37 else FINE | fell
+        return FINE if case.push.speed <= 0.37 else FINE | fell
 
     monkeypatch.setattr(trials, "perform", walk)
     (case,) = pushes((0.6,), ("outward",))
@@ -161,10 +161,10 @@ def test_gaits_are_in_natural_measures():
     assert gait_of("paper", SHORT) == natural
     back = gait_of("paper", dataclasses.replace(SHORT, forward=-0.5))
     assert back.half_step == -0.5 * natural.half_step
-    for haste in (0.5, 2.0):
-        fast = gait_of("paper", dataclasses.replace(SHORT, haste=haste))
+    for speed_ratio in (0.5, 2.0):
+        fast = gait_of("paper", dataclasses.replace(SHORT, speed_ratio=speed_ratio))
         speeds = [gait.half_step / gait.period for gait in (fast, natural)]
-        assert speeds[0] / speeds[1] == pytest.approx(haste, rel=1e-3)
+        assert speeds[0] / speeds[1] == pytest.approx(speed_ratio, rel=1e-3)
 
 
 @pytest.mark.parametrize(
@@ -175,8 +175,8 @@ def test_gaits_are_in_natural_measures():
 def test_pushes_have_their_impulse_way_and_time(way, axis, sign, step):
     """Impulse by mass is the speed; outward is over the foot that stands."""
     pattern = make_pattern(plan_steps(Gait(), 4), Pendulum())
-    shove = Shove(way=way, share=0.35, speed=0.2, step=step)
-    push = push_of(shove, pattern, 70.0)
+    push = RelativePush(way=way, share=0.35, speed=0.2, step=step)
+    push = push_of(push, pattern, 70.0)
     impulse = np.array(push.force) * push.duration / 70.0
     reference = pattern.at(push.start)
     left = reference.phase is Phase.SINGLE_LEFT
@@ -195,8 +195,8 @@ def test_pushes_have_their_impulse_way_and_time(way, axis, sign, step):
 def test_pushes_turn_with_the_heading():
     gait = Gait(half_step=0.05, turn=0.4)
     pattern = make_pattern(plan_steps(gait, 6), Pendulum())
-    shove = Shove(way="forward", share=0.5, speed=0.1, step=4)
-    push = push_of(shove, pattern, 50.0)
+    push = RelativePush(way="forward", share=0.5, speed=0.1, step=4)
+    push = push_of(push, pattern, 50.0)
     heading = pattern.at(push.start).heading
     assert abs(heading) > 0.5
     assert math.atan2(push.force[1], push.force[0]) == pytest.approx(heading)
@@ -206,7 +206,7 @@ def test_pushes_turn_with_the_heading():
 def test_pushes_need_their_step():
     pattern = make_pattern(plan_steps(Gait(), 1), Pendulum())
     with pytest.raises(PlanError, match="walk more steps"):
-        push_of(Shove(way="back", share=0.1, step=4), pattern, 50.0)
+        push_of(RelativePush(way="back", share=0.1, step=4), pattern, 50.0)
 
 
 def test_stop_and_go_stands_side_by_side_on_the_way():

@@ -13,7 +13,7 @@ from robots import paper
 
 import comwalk
 from comwalk.certificates.defaults import (
-    MAX_HASTE,
+    MAX_SPEED_RATIO,
     SIDE_STEP,
     STEP_EXPONENT,
     TURN_STEP,
@@ -197,7 +197,7 @@ def test_impossible_numbers_are_refused(values, text):
 
 
 def test_the_rule_ends_where_the_fields_of_a_gait_do():
-    fastest = default_gait(None, speed=MAX_HASTE * 0.2)
+    fastest = default_gait(None, speed=MAX_SPEED_RATIO * 0.2)
     assert fastest.half_step <= 0.2
     assert fastest.period >= 0.3
 

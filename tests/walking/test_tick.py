@@ -75,7 +75,9 @@ def compare(
     for k in range(int(min(pattern.duration, until) / control.period)):
         reference = pattern.at(k * control.period)
         measured = loops.body.measure(sensors, reference)
-        output = loops.law.step(reference, measured.com, measured.zmp, measured.trust)
+        output = loops.law.step(
+            reference, measured.com, measured.zmp, measured.feedback_scale
+        )
         command = loops.body.act(output, reference)
         assert loops.ticker.step(k * control.period, sensors) is None
         handed += loops.ticker.body.resolution is not None
@@ -97,7 +99,7 @@ def numbers_of(measured, output, command) -> np.ndarray:
         [
             measured.com,
             measured.zmp,
-            [measured.load / 1e3, measured.tilt, measured.trust],
+            [measured.load / 1e3, measured.tilt, measured.feedback_scale],
             output.u,
             output.com_command,
             output.com_error,

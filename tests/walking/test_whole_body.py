@@ -33,17 +33,17 @@ def turned(yaw: float) -> Pattern:
     return make_pattern(plan, PAPER_PENDULUM)
 
 
-def sensed(body: WholeBody, shift: tuple[float, float], heaviness: float) -> Sensors:
+def sensed(body: WholeBody, shift: tuple[float, float], mass_ratio: float) -> Sensors:
     """Return what the sensors read while the pressure is shifted in both soles.
 
     Args:
         body: Stands as commanded.
         shift: Forward and to the left, from under the model's CoM [m].
-        heaviness: Weight over the model's.
+        mass_ratio: Weight over the model's.
     """
     robot = paper()
     g, weights = robot.gravity, [foot.mass for foot in robot.feet.values()]
-    f_z = 0.5 * heaviness * robot.mass * g - np.array(weights) * g
+    f_z = 0.5 * mass_ratio * robot.mass * g - np.array(weights) * g
     kinematics = Kinematics(robot)
     q = np.array([0, 0, 0, 1, 0, 0, 0, *body.configuration[7:]], dtype=float)
     kinematics.update(q)
@@ -55,7 +55,7 @@ def sensed(body: WholeBody, shift: tuple[float, float], heaviness: float) -> Sen
     p = kinematics.com[:2] + shift
     for k, foot in enumerate(robot.feet.values()):
         x, y = p - points[k][:2]
-        total = 0.5 * heaviness * robot.mass * g
+        total = 0.5 * mass_ratio * robot.mass * g
         c_x, c_y, _ = foot.com
         wrenches[k, 3] = y * total - c_y * foot.mass * g
         wrenches[k, 4] = -x * total + c_x * foot.mass * g
@@ -89,17 +89,17 @@ def test_the_robot_is_weighed_once_and_the_law_waits():
     body = WholeBody(paper(), PERIOD)
     body.start(pattern.at(0.0))
     first, later = sensed(body, (0.02, 0.0), 1.0), sensed(body, (-0.03, 0.0), 1.0)
-    trusts = []
+    scales = []
     for k in range(400):
         reference = pattern.at(k * PERIOD)
         measured = body.measure(first if k < 125 else later, reference)
-        trusts.append(measured.trust)
+        scales.append(measured.feedback_scale)
     assert measured.com[0] == pytest.approx(0.02, abs=1e-4)
     assert measured.zmp[0] == pytest.approx(-0.03, abs=1e-4)
-    assert not any(trusts[:125])
-    assert np.all(np.diff(trusts) >= 0.0)
-    assert 0.4 < trusts[187] < 0.6
-    assert trusts[260:] == [1.0] * 140
+    assert not any(scales[:125])
+    assert np.all(np.diff(scales) >= 0.0)
+    assert 0.4 < scales[187] < 0.6
+    assert scales[260:] == [1.0] * 140
 
 
 def test_nobody_is_weighed_in_the_air_or_while_walking():
@@ -109,23 +109,23 @@ def test_nobody_is_weighed_in_the_air_or_while_walking():
     for body in (weighed, plain):
         body.start(pattern.at(0.0))
     walking = next(s for s in pattern.phases if s.phase is Phase.DOUBLE)
-    for heaviness, t in ((0.3, 0.0), (1.0, walking.start)):
-        seen = sensed(weighed, (0.02, 0.0), heaviness)
+    for mass_ratio, t in ((0.3, 0.0), (1.0, walking.start)):
+        seen = sensed(weighed, (0.02, 0.0), mass_ratio)
         for _ in range(10):
             ours, theirs = (x.measure(seen, pattern.at(t)) for x in (weighed, plain))
         assert np.array_equal(ours.com, theirs.com)
-    assert ours.trust == 1.0
+    assert ours.feedback_scale == 1.0
 
 
 def test_what_is_not_trusted_does_not_act():
-    """With no trust the law is the feedforward alone; with half, half the feedback."""
+    """Scaled by 0 the law is the feedforward alone; by a half, half the feedback."""
     reference = turned(0.0).at(0.5)
     corrections = []
-    for trust in (0.0, 0.5, 1.0):
+    for scale in (0.0, 0.5, 1.0):
         controller = WalkingController(Gains(), Control().settings, PERIOD)
         controller.reset(reference.com, reference.zmp)
         com = reference.com + np.array([0.01, 0.005, 0.0])
-        output = controller.step(reference, com, reference.zmp, trust)
+        output = controller.step(reference, com, reference.zmp, scale)
         corrections.append(output.u - reference.com_velocity[:2])
     assert not corrections[0].any()
     assert corrections[2].any()

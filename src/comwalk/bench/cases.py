@@ -17,7 +17,7 @@ Way = Literal["forward", "back", "inward", "outward"]
 
 
 @dataclass(frozen=True, kw_only=True)
-class Shove:
+class RelativePush:
     """A push on the trunk in single support, as a step in the CoM's velocity."""
 
     way: Way
@@ -48,11 +48,11 @@ class Case:
     """Shift per step, in natural steps to the left."""
     turn: float = 0.0
     """Turn per step, left positive [rad]."""
-    haste: float = 1.0
+    speed_ratio: float = 1.0
     """Speed, in natural speeds; beyond 1, steps get longer and quicker."""
     stops: bool = False
     """Whether the robot stops on the way, and starts again."""
-    shove: Shove | None = None
+    push: RelativePush | None = None
     """A push on the way."""
     tolerance: float = 0.02
     """How exactly a largest speed [natural speeds] or push [m/s] is found."""
@@ -206,7 +206,7 @@ def pushes(
             name=f"push {way} {100 * share:.0f} %",
             task="push",
             steps=10,
-            shove=Shove(way=way, share=share),
+            push=RelativePush(way=way, share=share),
         )
         for way in ways
         for share in shares

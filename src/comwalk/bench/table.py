@@ -302,8 +302,8 @@ def _millimetres(name: str) -> float:
 def _push_table(findings: Findings) -> Table:
     """The largest pushes."""
     found = [(j, r) for j, r in zip(findings.jobs, findings.results, strict=True)]
-    pushed = [(j.case, r) for j, r in found if j.case.shove is not None]
-    shares = dict.fromkeys(c.shove.share for c, _ in pushed if c.shove)
+    pushed = [(j.case, r) for j, r in found if j.case.push is not None]
+    shares = dict.fromkeys(c.push.share for c, _ in pushed if c.push)
     feet = dict.fromkeys(str(r["foot"]) for _, r in pushed if "foot" in r)
     rows = _rows(
         findings,

@@ -33,7 +33,7 @@ from ..robot import Robot, load_robot
 from ..run import Run, plain
 from ..setup import Setup, build_dance, build_walk
 from ..sides import Side
-from .cases import Case, Keys, Shove
+from .cases import Case, Keys, RelativePush
 
 # ---- The list ---------------------------------------------------------------------
 
@@ -84,8 +84,8 @@ def prepare(robot: str, case: Case) -> Setup:
     if case.stops:
         pattern = stop_and_go(setup.pattern, gait, case.steps)
         setup = dataclasses.replace(setup, pattern=pattern)
-    if case.shove is not None and setup.robot is not None:
-        push = push_of(case.shove, setup.pattern, setup.robot.mass)
+    if case.push is not None and setup.robot is not None:
+        push = push_of(case.push, setup.pattern, setup.robot.mass)
         physics = dataclasses.replace(setup.physics, pushes=(push,))
         setup = dataclasses.replace(setup, physics=physics)
     return setup
@@ -138,8 +138,8 @@ def gait_of(robot: str, case: Case) -> Gait:
     """
     gait = _natural_gait(robot)
     size = gait.half_step / PAPER_GAIT.half_step
-    if case.haste != 1.0:
-        speed = case.haste * gait.speed
+    if case.speed_ratio != 1.0:
+        speed = case.speed_ratio * gait.speed
         return default_gait(_loaded(robot), speed=speed)
     return default_gait(
         _loaded(robot),
@@ -171,11 +171,11 @@ def stop_and_go(
     return make_pattern(plan, pattern.pendulum)
 
 
-def push_of(shove: Shove, pattern: Pattern, mass: float) -> Push:
+def push_of(push: RelativePush, pattern: Pattern, mass: float) -> Push:
     """Return the force of a push.
 
     Args:
-        shove: When, where to and how hard.
+        push: When, where to and how hard.
         pattern: What is walked.
         mass: Of the robot [kg].
 
@@ -187,24 +187,24 @@ def push_of(shove: Shove, pattern: Pattern, mass: float) -> Push:
     """
     singles = (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT)
     spans = [span for span in pattern.phases if span.phase in singles]
-    if shove.step > len(spans):
+    if push.step > len(spans):
         raise PlanError(
-            f"the push is in step {shove.step}, and the plan has {len(spans)}; walk "
+            f"the push is in step {push.step}, and the plan has {len(spans)}; walk "
             "more steps"
         )
-    span = spans[shove.step - 1]
-    start = span.start + shove.share * span.duration
+    span = spans[push.step - 1]
+    start = span.start + push.share * span.duration
     outward = Side.LEFT.sign if span.phase is Phase.SINGLE_LEFT else Side.RIGHT.sign
     x, y = {
         "forward": (1.0, 0.0),
         "back": (-1.0, 0.0),
         "outward": (0.0, outward),
         "inward": (0.0, -outward),
-    }[shove.way]
+    }[push.way]
     c, s = np.cos(heading := pattern.at(start).heading), np.sin(heading)
-    f = mass * shove.speed / shove.duration
+    f = mass * push.speed / push.duration
     force = (float(f * (c * x - s * y)), float(f * (s * x + c * y)), 0.0)
-    return Push(start=start, force=force, duration=shove.duration)
+    return Push(start=start, force=force, duration=push.duration)
 
 
 def figures_of(run: Run) -> dict[str, Any]:
@@ -341,9 +341,11 @@ _LEAST_TURN = math.radians(5.0)  # turn per step that is not halved further [rad
 def _find_speed(robot: str, case: Case) -> dict[str, Any]:
     """Find the largest speed inside the joints' limits."""
 
-    def fault(haste: float) -> str:
+    def fault(speed_ratio: float) -> str:
         keys = {**case.keys, "force": True}  # physics is to tell, not the plan
-        walk = dataclasses.replace(case, task="walk", haste=haste, keys=keys)
+        walk = dataclasses.replace(
+            case, task="walk", speed_ratio=speed_ratio, keys=keys
+        )
         return fault_of(perform(robot, walk), limits=True)
 
     natural = _natural_gait(robot)
@@ -354,11 +356,11 @@ def _find_speed(robot: str, case: Case) -> dict[str, Any]:
 
 def _find_push(robot: str, case: Case) -> dict[str, Any]:
     """Find the largest push that is survived."""
-    shove = case.shove or Shove(way="forward", share=0.0)
+    push = case.push or RelativePush(way="forward", share=0.0)
 
     def fault(speed: float) -> str:
-        pushed = dataclasses.replace(shove, speed=speed)
-        walk = dataclasses.replace(case, task="walk", shove=pushed)
+        pushed = dataclasses.replace(push, speed=speed)
+        walk = dataclasses.replace(case, task="walk", push=pushed)
         return fault_of(perform(robot, walk), limits=False)
 
     limit = find_limit(fault, 0.0, _HARDEST, case.tolerance)

@@ -50,7 +50,7 @@ power, while their time falls by the rest; 0 only hastens, 1 only lengthens."""
 SWING_EXPONENT = -0.8
 """How the clearance of the foot changes with the speed beyond the natural one [-]."""
 
-MAX_HASTE = 4.0
+MAX_SPEED_RATIO = 4.0
 """Fastest walk that the rule serves, in natural speeds [-]."""
 
 TRANSFER_SHARE = 0.1
@@ -428,26 +428,26 @@ def _steps_at(
     r = natural.half_step / PAPER_GAIT.half_step
     usual = {"half_step": natural.half_step, "lateral": SIDE_STEP * r}
     usual["turn"] = TURN_STEP
-    haste = 1.0
+    speed_ratio = 1.0
     for name, value in wanted.items():
         label, unit, count = _SPEEDS[name]
         if name in changes:
             raise ParameterError(f"give {label} or gait.{name}, not both")
         slowest = count * usual[name] / natural.period
-        high = _floored(MAX_HASTE * slowest)
+        high = _floored(MAX_SPEED_RATIO * slowest)
         hint = f"that is +-{math.degrees(high):.3g} deg/s" if name == "turn" else ""
         v = checked_number(label, value, unit=unit, low=-high, high=high, hint=hint)
-        haste = max(haste, abs(v) / slowest)
-    T = rounded(natural.period * haste ** (STEP_EXPONENT - 1.0))
+        speed_ratio = max(speed_ratio, abs(v) / slowest)
+    T = rounded(natural.period * speed_ratio ** (STEP_EXPONENT - 1.0))
     T = checked_number("period", changes.get("period", T), unit="s")
     steps = {name: rounded(v * T / _SPEEDS[name][2]) for name, v in wanted.items()}
-    return {"half_step": 0.0, "period": T, **steps, **_hasty(haste, natural)}
+    return {"half_step": 0.0, "period": T, **steps, **_hastened(speed_ratio, natural)}
 
 
-def _hasty(haste: float, natural: Gait) -> dict[str, Any]:
-    if haste <= 1.0:
+def _hastened(speed_ratio: float, natural: Gait) -> dict[str, Any]:
+    if speed_ratio <= 1.0:
         return {}
-    swing = rounded(natural.swing_height * haste**SWING_EXPONENT)
+    swing = rounded(natural.swing_height * speed_ratio**SWING_EXPONENT)
     return {"swing_height": swing, "double_support": "minjerk"}
 
 

@@ -139,7 +139,7 @@ def _listed(text: str | None) -> list[str]:
 
 
 def _is_quick(case: Case) -> bool:
-    return case.shove is None or case.shove.share == PUSH_SHARES[1]
+    return case.push is None or case.push.share == PUSH_SHARES[1]
 
 
 def _failed(job: Job, result: dict[str, Any]) -> bool:

@@ -16,15 +16,15 @@ if TYPE_CHECKING:
     from .guard import End as End
     from .guard import Outcome as Outcome
     from .guard import Watch as Watch
-    from .guard import astray as astray
-    from .guard import blind as blind
     from .guard import check_fall as check_fall
     from .guard import check_sensors as check_sensors
+    from .guard import com_diverged as com_diverged
     from .guard import completed as completed
+    from .guard import contact_lost as contact_lost
     from .guard import guard_of as guard_of
     from .guard import interrupted as interrupted
-    from .guard import lifted as lifted
     from .guard import outcome_of as outcome_of
+    from .guard import sensor_failed as sensor_failed
     from .guard import tilted as tilted
     from .law import LAW as LAW
     from .law import LAW_STATE as LAW_STATE

@@ -99,7 +99,7 @@ def interrupted(reference: Reference) -> Outcome:
     return _end(End.ABORTED, reference, "interrupted by the user")
 
 
-def blind(reference: Reference, sensors: str) -> Outcome:
+def sensor_failed(reference: Reference, sensors: str) -> Outcome:
     """Return the outcome of sensors that read no numbers."""
     return _end(End.ABORTED, reference, f"the {sensors} read no numbers")
 
@@ -110,13 +110,13 @@ def tilted(reference: Reference, tilt: float) -> Outcome:
     return _end(End.FELL, reference, cause)
 
 
-def astray(reference: Reference, error: float) -> Outcome:
+def com_diverged(reference: Reference, error: float) -> Outcome:
     """Return the outcome of a CoM too far from its reference [m]."""
     cause = f"the CoM is {error:.2f} m from its reference"
     return _end(End.FELL, reference, cause)
 
 
-def lifted(reference: Reference) -> Outcome:
+def contact_lost(reference: Reference) -> Outcome:
     """Return the outcome of feet that bear the robot no longer."""
     return _end(End.FELL, reference, "the feet lost the ground")
 
@@ -171,10 +171,10 @@ def outcome_of(status: int, reference: Reference, guard: np.void) -> Outcome:
     if status == TILTED:
         return tilted(reference, float(guard["tilt"]))
     if status == DIVERGED:
-        return astray(reference, float(guard["com_error"]))
+        return com_diverged(reference, float(guard["com_error"]))
     if status == CONTACT_LOST:
-        return lifted(reference)
-    return blind(reference, _SENSORS[status])
+        return contact_lost(reference)
+    return sensor_failed(reference, _SENSORS[status])
 
 
 @kernel

@@ -213,7 +213,7 @@ class Controller(Protocol):
         reference: Any,
         com: np.ndarray,
         zmp: np.ndarray,
-        trust: float = 1.0,
+        feedback_scale: float = 1.0,
     ) -> ControlOutput:
         """Return the command of one tick."""
         ...
@@ -420,7 +420,7 @@ class WalkingController:
         reference: ControlReference,
         com: np.ndarray | Sequence[float],
         zmp: np.ndarray | Sequence[float],
-        trust: float = 1.0,
+        feedback_scale: float = 1.0,
     ) -> ControlOutput:
         """Return the command of one tick.
 
@@ -428,7 +428,7 @@ class WalkingController:
             reference: The reference at this tick.
             com: Measured CoM [m], world, (2,) or (3,).
             zmp: Measured ZMP [m], world, (2,); the last one known if there is none.
-            trust: Factor on the feedback [-], in [0, 1].
+            feedback_scale: Factor on the feedback [-], in [0, 1].
 
         Returns:
             The bounded CoM velocity u, the CoM command, the errors.
@@ -441,7 +441,9 @@ class WalkingController:
         for name in ("com", "com_velocity", "zmp"):
             now[name][:2] = getattr(reference, name)[:2]
         now["heading"], now["walking"] = reference.heading, reference.walking
-        apply_law(self.law[0], self.state[0], self.past, now, c, p, float(trust))
+        apply_law(
+            self.law[0], self.state[0], self.past, now, c, p, float(feedback_scale)
+        )
         return self.output()
 
     def output(self) -> ControlOutput:

@@ -294,7 +294,7 @@ class BodyTicker:
         if status != WALKS:
             return outcome_of(status, reference, self._guard[0])
         self._control = self._controller.step(
-            reference, measured.com, measured.zmp, measured.trust
+            reference, measured.com, measured.zmp, measured.feedback_scale
         )
         self.command = self._body.act(self._control, reference)
         return None

@@ -28,27 +28,29 @@ def weigh_standing(rules: Record, state: Record, reference: Record) -> None:
     """Learn what the standing robot weighs, and correct the measured CoM.
 
     Readings are averaged for `WEIGHING_TIME`. The law must not act meanwhile: fed with
-    a CoM that follows the ZMP, it would chase it. So `state.trust`, the factor on its
-    feedback, is zero until then, and rises smoothly to 1.
+    a CoM that follows the ZMP, it would chase it. So `state.feedback_scale` is zero
+    until then, and rises smoothly to 1.
 
     Args:
         rules: Its `weight` is the model's [N], `most` the number of readings.
         state: `com`, `zmp` and `load` of this tick; what is learnt stays in
-            `heaviness`, `lean` (in the heading's axes [m]) and `seen`.
+            `mass_ratio`, `lean` (in the heading's axes [m]) and `seen`.
         reference: A record of `REFERENCE`.
     """
     heading = reference.heading
     c, s, lean = math.cos(heading), math.sin(heading), state.lean
-    state.trust = 1.0
+    state.feedback_scale = 1.0
     if reference.phase == _STAND and reference.step == 0:
-        heaviness = state.load / rules.weight
-        if state.seen < rules.most and 0.5 < heaviness < 2.0:
+        mass_ratio = state.load / rules.weight
+        if state.seen < rules.most and 0.5 < mass_ratio < 2.0:
             state.seen += 1
             a = 1.0 / state.seen
             x, y = state.zmp[0] - state.com[0], state.zmp[1] - state.com[1]
-            state.heaviness += a * (heaviness - state.heaviness)
+            state.mass_ratio += a * (mass_ratio - state.mass_ratio)
             lean[0] += a * (c * x + s * y - lean[0])
             lean[1] += a * (c * y - s * x - lean[1])
-        state.trust = minimum_jerk((reference.time - WEIGHING_TIME) / RISE_TIME)[0]
+        state.feedback_scale = minimum_jerk(
+            (reference.time - WEIGHING_TIME) / RISE_TIME
+        )[0]
     state.com[0] += c * lean[0] - s * lean[1]
     state.com[1] += s * lean[0] + c * lean[1]

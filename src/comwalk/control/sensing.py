@@ -21,7 +21,7 @@ class Measurement:
     """Vertical ground force [N]."""
     tilt: float
     """Tilt of the trunk against the vertical [rad]."""
-    trust: float = 1.0
+    feedback_scale: float = 1.0
     """How much of the law's feedback may act on it [-]: 0 while the standing robot is
     weighed, then smoothly up to 1."""
 

@@ -41,7 +41,7 @@ _LINK = (
     ("lever", "f8", 3),  # CoM's velocity per rate, Eq. (21) [m/rad]
     ("end", "f8", 6),  # twist of its limb's end per rate, Eq. (15)
     # How it moves.
-    ("wish", "f8"),  # rate that is given, or wished in the null space [rad/s]
+    ("desired_rate", "f8"),  # rate that is given, or wished in the null space [rad/s]
     ("rate", "f8"),  # a_i: rate that does not depend on the body center [rad/s]
     ("gain", "f8", 3),  # B_i: rate per velocity of the body center [rad/m]
 )

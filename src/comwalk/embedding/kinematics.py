@@ -191,7 +191,7 @@ def _drift(flat: Flat, limb: Record, trunk: Record, s: Record) -> None:
         if square and n < limb.own:
             continue
         for r in range(6):
-            s[r] -= link.wish * link.end[r]
+            s[r] -= link.desired_rate * link.end[r]
 
 
 @kernel
@@ -331,7 +331,7 @@ def _project(flat: Flat, limb: Record, L: Record, Y: Record, square: bool) -> No
             Y[r, c] = x
     for n in range(limb.own):
         link = flat.links[limb.chain[n]]
-        link.rate = 0.0 if square else link.wish
+        link.rate = 0.0 if square else link.desired_rate
         for r in range(6):
             link.rate += link.end[r] * Y[r, 0]
         for c in range(3):
@@ -376,8 +376,8 @@ def _prepare(flat: Flat) -> None:
     for k in range(1, len(links)):
         link = links[k]
         if link.leader:
-            link.wish = link.ratio * links[link.leader].wish
-        link.rate = link.wish
+            link.desired_rate = link.ratio * links[link.leader].desired_rate
+        link.rate = link.desired_rate
         link.gain[0] = link.gain[1] = link.gain[2] = 0.0
 
 

@@ -84,7 +84,7 @@ class FastResolver:
         """Wanted angular velocity of the body center [rad/s], world, (3,)."""
         self.twists = self._flat.limbs["twist"]
         """Wanted twists of the limbs' ends [m/s; rad/s], world, (limbs, 6)."""
-        self.rates = self._flat.links["wish"][1:]
+        self.rates = self._flat.links["desired_rate"][1:]
         """Joint rates [rad/s], (joints,): given in joint space, and wished in the null
         space of limbs whose end is given."""
         given = ends or dict.fromkeys(LEGS.values(), ALL_ROWS)
@@ -287,7 +287,7 @@ def _resolve_share(
             for row in range(6):
                 flat.limbs[i].twist[row] = tasks.twists[k, i, row]
         for j in range(len(flat.links) - 1):
-            flat.links[1 + j].wish = tasks.rates[k, j]
+            flat.links[1 + j].desired_rate = tasks.rates[k, j]
         place_links(flat.links, q[k])
         find_levers(flat)
         status[k] = resolve(flat, wanted, v[k])

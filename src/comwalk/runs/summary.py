@@ -41,7 +41,7 @@ def summarize(
     ticks = 1e6 * log["compute_s"]
     actual = "com_true" if "com_true" in log else "com"
     travelled = log[actual][-1, :2] - log[actual][0, :2]
-    missed = log[actual][-1, :2] - log["com_ref"][-1, :2]
+    position_error = log[actual][-1, :2] - log["com_ref"][-1, :2]
     com_errors = {"measured": _rms_mm(log["com_ref"] - log["com"])}
     if "com_true" in log:
         com_errors["true"] = _rms_mm(log["com_ref"] - log["com_true"])
@@ -54,7 +54,7 @@ def summarize(
         "steps_planned": pattern.plan.count,
         "steps_completed": min(outcome.step, pattern.plan.count),
         "distance_m": float(np.hypot(*travelled)),
-        "position_error_m": float(np.hypot(*missed)),
+        "position_error_m": float(np.hypot(*position_error)),
         "com_error_rms_mm": com_errors,
         "zmp_error_rms_mm": _rms_mm(zmp_error),
         "zmp_error_max_mm": float(1e3 * np.hypot(*zmp_error.T).max()),

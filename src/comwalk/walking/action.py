@@ -137,15 +137,17 @@ def want(
         _foot_twist(flat, rules, state, reference, k)
     follow_ground(rules, state, law, reference)
     for j in range(len(joints)):
-        flat.links[1 + j].wish = K * (joints[j].home - q[7 + j])
+        flat.links[1 + j].desired_rate = K * (joints[j].home - q[7 + j])
     if rules.embed:
         for i in range(len(moved)):
             j = moved[i]
             joint = joints[j]
-            flat.links[1 + j].wish = K * (joint.dance - q[7 + j]) + joint.dance_rate
+            flat.links[1 + j].desired_rate = (
+                K * (joint.dance - q[7 + j]) + joint.dance_rate
+            )
     for k in range(2):
         for n in range(flat.limbs[k].own):
-            flat.links[flat.limbs[k].chain[n]].wish = 0.0
+            flat.links[flat.limbs[k].chain[n]].desired_rate = 0.0
 
 
 @kernel
@@ -231,7 +233,7 @@ def set_points(
         out[j] = q[7 + j]
         if rules.compensate:
             joint = joints[j]
-            load = joint.torque * state.heaviness + joint.damping * v[6 + j]
+            load = joint.torque * state.mass_ratio + joint.damping * v[6 + j]
             out[j] += load / joint.stiffness
     if not rules.embed:
         for i in range(len(moved)):

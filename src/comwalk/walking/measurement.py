@@ -125,7 +125,7 @@ def measure(
     for k in range(2):
         feel_edges(rules, state, k, felt[6 * k : 6 * k + 6])
     _find_com(flat, state, b)
-    state.trust = 1.0
+    state.feedback_scale = 1.0
     if rules.calibration:
         weigh_standing(rules, state, reference)
     state.trunk_tilt = 2.0 * math.asin(min(1.0, math.hypot(felt[13], felt[14])))

@@ -52,7 +52,7 @@ STATE = np.dtype(
         ("zmp", "f8", 2),
         ("load", "f8"),
         ("trunk_tilt", "f8"),
-        ("trust", "f8"),
+        ("feedback_scale", "f8"),
         ("support", "i8"),
         ("left_share", "f8"),
         ("edges", "f8", (2, 2)),
@@ -67,7 +67,7 @@ STATE = np.dtype(
         ("heights", "f8", 2),
         ("leans", "f8", (2, 2)),
         # `Weighing`.
-        ("heaviness", "f8"),
+        ("mass_ratio", "f8"),
         ("lean", "f8", 2),
         ("seen", "i8"),
     ],

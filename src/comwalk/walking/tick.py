@@ -152,7 +152,9 @@ def control(handle: np.ndarray) -> None:
         floats_at(handle, AT_PAST),
     )
     ring = past.reshape((len(past) // 4, 4))
-    apply_law(law, law_state, ring, reference, state.com, state.zmp, state.trust)
+    apply_law(
+        law, law_state, ring, reference, state.com, state.zmp, state.feedback_scale
+    )
 
 
 @kernel

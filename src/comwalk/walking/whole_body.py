@@ -115,7 +115,11 @@ class WholeBody:
         flat, rules = walk_records(robot), rules_of(robot, self.period, self.settings)
         rules["solvable"] = can_resolve(robot, flat)
         state = records(STATE)
-        state["left_share"], state["heaviness"], state["trust"] = 0.5, 1.0, 1.0
+        state["left_share"], state["mass_ratio"], state["feedback_scale"] = (
+            0.5,
+            1.0,
+            1.0,
+        )
         sensed = np.zeros(7 + n)
         sensed[3] = 1.0
         return Arrays(
@@ -239,7 +243,7 @@ class WholeBody:
         """The last measurement."""
         s = self.arrays.state[0]
         com, zmp, tilt = s["com"].copy(), s["zmp"].copy(), float(s["trunk_tilt"])
-        return Measurement(com, zmp, float(s["load"]), tilt, float(s["trust"]))
+        return Measurement(com, zmp, float(s["load"]), tilt, float(s["feedback_scale"]))
 
     def act(self, control: ControlOutput, reference: Reference) -> Command:
         """Return the joint set-points for the next period.
@@ -299,7 +303,7 @@ class WholeBody:
             elif limb.name in LEGS.values():
                 motions[limb.name] = CartesianMotion(arrays.limbs["twist"][i].copy())
             else:
-                wishes = arrays.links["wish"][1:][list(limb.joints)]
+                wishes = arrays.links["desired_rate"][1:][list(limb.joints)]
                 motions[limb.name] = JointMotion(wishes)
         com, trunk = arrays.wanted["com"][0].copy(), arrays.wanted["trunk"][0].copy()
         return Task(com, support, base, trunk, motions)
@@ -438,7 +442,7 @@ class WholeBodyTicker:
             return status
         reference, measured = self.reference, self.body.measured
         self._control = self._controller.step(
-            reference, measured.com, measured.zmp, measured.trust
+            reference, measured.com, measured.zmp, measured.feedback_scale
         )
         self.body.follow(self._control, reference)
         return act(self.handle)

@@ -232,7 +232,7 @@ class Shaker:
         reference: Reference,
         com: np.ndarray,
         zmp: np.ndarray,
-        trust: float = 1.0,
+        feedback_scale: float = 1.0,
     ) -> ControlOutput:
         """Return the command of one tick, whatever is measured.
 
@@ -240,7 +240,7 @@ class Shaker:
             reference: Where the robot stands.
             com: Not used.
             zmp: Measured ZMP [m], world, (2,), for the record.
-            trust: Not used.
+            feedback_scale: Not used.
 
         Returns:
             The CoM velocity from now to the next tick, and where the CoM should be.

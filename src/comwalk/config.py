@@ -1,4 +1,4 @@
-"""What a command is asked to do: from flags and TOML files to what `simulate` takes.
+"""Configurations of the commands, as declared settings.
 
 A configuration is a frozen dataclass; its fields are the flags of the command line and
 the keys of a TOML file alike (`--gait.half-step 0.08`, or `half_step = 0.08` under
@@ -31,7 +31,7 @@ MAX_SEED = 2**32 - 1
 
 @dataclass(frozen=True, kw_only=True)
 class RobotConfig:
-    """What all commands that move a robot share. Abstract."""
+    """Settings shared by all commands that move a robot. Abstract."""
 
     robot: str = setting(
         "paper", "Robot of `comwalk robots`, or path of a URDF or MJCF file"
@@ -235,7 +235,7 @@ class PatternConfig:
 
 @dataclass(frozen=True, kw_only=True)
 class CertifyConfig:
-    """What gains guarantee on a robot."""
+    """A certificate of gains."""
 
     robot: str = setting(
         "paper", "Robot of `comwalk robots`, or path of a URDF or MJCF file"

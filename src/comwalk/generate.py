@@ -54,7 +54,7 @@ _REST = 0.5  # time at home before and after a dance [s]
 
 @dataclass(frozen=True, kw_only=True)
 class Ranges:
-    """What is drawn, uniformly.
+    """Ranges of the uniform distributions.
 
     Raises:
         ParameterError: If a number is out of its range.
@@ -124,12 +124,12 @@ class Dataset:
 
     @property
     def motions(self) -> int:
-        """How many motions there are."""
+        """Number of motions."""
         return len(self.columns["starts"]) - 1
 
     @property
     def rows(self) -> int:
-        """How many rows all motions have."""
+        """Number of rows of all motions."""
         return int(self.columns["starts"][-1])
 
     def save(self, path: str | Path) -> Path:

@@ -14,7 +14,7 @@ from .views import scene_of
 
 @dataclass(frozen=True, slots=True)
 class Replay:
-    """How well a recorded run was got back from its model and set-points alone."""
+    """Result of replaying a run from its model and set-points alone."""
 
     ticks: int
     """Rows replayed."""

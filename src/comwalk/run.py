@@ -65,7 +65,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Run:
-    """What happened when a pattern was walked. Made by `simulate`."""
+    """A finished run. Made by `simulate`."""
 
     outcome: Outcome
     """How, when and why it ended."""
@@ -95,7 +95,7 @@ class Run:
 
     @cached_property
     def data(self) -> RunData:
-        """What views take of the run."""
+        """The run as views take it."""
         name = self.settings["robot"] or "simplified model"
         columns, plan = self.log.columns, self.pattern.plan
         return RunData(name, self.summary(), columns, self.scene, plan)
@@ -236,7 +236,7 @@ def simulate(
 
 @dataclass(frozen=True, eq=False)
 class Prepared:
-    """What walks a robot in MuJoCo, ready to start. Made by `prepare`."""
+    """The parts of a simulated walk, ready to start. Made by `prepare`."""
 
     control: Control
     """The walking controller's settings."""
@@ -412,7 +412,7 @@ def _walked(
 
 
 def _recording(log: Log, progress: Progress | None) -> Callable[[Tick], None]:
-    """Return what is called each period where the plant keeps no log itself."""
+    """Return the callback that logs a tick where the plant keeps no log itself."""
 
     def record(tick: Tick) -> None:
         log.record(tick)
@@ -423,7 +423,7 @@ def _recording(log: Log, progress: Progress | None) -> Callable[[Tick], None]:
 
 
 def _check_kinds(robot: object, pattern: object, motion: object) -> None:
-    """Say what to call when something else was passed than is needed."""
+    """Refuse arguments of the wrong kind."""
     for value, kind, advice in (
         (robot, Robot, "load_robot(name) makes one"),
         (pattern, Pattern, "make_pattern(plan, Pendulum()) makes one of a plan"),

@@ -62,7 +62,7 @@ class Range:
 
 @dataclass(frozen=True)
 class Setting:
-    """What is declared of one field."""
+    """The declaration of one field."""
 
     help: str
     """Its meaning, for users."""
@@ -151,7 +151,7 @@ def setting(
 
 @cache
 def settings_of(kind: type) -> Mapping[str, Setting]:
-    """Return what is declared of the settings of a dataclass.
+    """Return the declared settings of a dataclass.
 
     Args:
         kind: The dataclass.

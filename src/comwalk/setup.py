@@ -67,7 +67,7 @@ _DANCE_TIME = 10.0  # [s]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Setup:
-    """What `simulate` and `simulate_pendulum` take. Made by the `build` functions."""
+    """Arguments of `simulate`, checked. Made by the `build` functions."""
 
     robot: Robot | None
     """The robot; None for the simplified model."""
@@ -133,7 +133,7 @@ class Setup:
         )
 
     def certificate(self) -> Certificate:
-        """Return what its gains guarantee, as far as the verdict needs it.
+        """Return the certificate of its gains, as far as the verdict needs it.
 
         Returns:
             The certificate.
@@ -152,7 +152,7 @@ class Setup:
 
 
 def build_walk(config: WalkConfig) -> Setup:
-    """Return what a walk needs, checked.
+    """Build the setup of a walk.
 
     Args:
         config: The walk.
@@ -180,7 +180,7 @@ def build_walk(config: WalkConfig) -> Setup:
 
 
 def build_certificate(config: CertifyConfig) -> Certificate:
-    """Return what the gains of a robot guarantee.
+    """Build the certificate of a robot's gains.
 
     Args:
         config: Robot, gains, loop.
@@ -251,7 +251,7 @@ def _refuse_idle(config: WalkConfig) -> None:
 
 
 def build_dance(config: DanceConfig) -> Setup:
-    """Return what a dance needs, checked.
+    """Build the setup of a dance.
 
     Args:
         config: The dance.
@@ -284,7 +284,7 @@ def build_dance(config: DanceConfig) -> Setup:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IdentifySetup:
-    """What `identify` takes. Made by `build_identify`."""
+    """Arguments of `identify`. Made by `build_identify`."""
 
     robot: Robot
     """The robot."""
@@ -299,7 +299,7 @@ class IdentifySetup:
 
 
 def build_identify(config: IdentifyConfig) -> IdentifySetup:
-    """Return what an experiment on the standing robot needs.
+    """Build the setup of an experiment on the standing robot.
 
     Args:
         config: The experiment.

@@ -1,4 +1,4 @@
-"""What robots are tried on: walks, floors, pushes, loads, and ablations."""
+"""Test cases: walks, floors, pushes, loads and ablations."""
 
 from __future__ import annotations
 

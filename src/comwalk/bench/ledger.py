@@ -1,4 +1,4 @@
-"""Many trials on all processors, each done once: a ledger keeps what was found.
+"""Run trials on all processors, each one once: a ledger stores the results.
 
 The key of a result is a digest of robot, case and comwalk's own source: what has been
 found by the same code is read, not done again, after a kill as well.
@@ -137,7 +137,7 @@ def chosen(cases: Sequence[Case], names: Sequence[str]) -> tuple[Case, ...]:
 
 
 def read_ledger(path: Path) -> dict[str, Result]:
-    """Return what has been found.
+    """Return the results so far.
 
     Args:
         path: A file of one JSON object a line; need not exist.

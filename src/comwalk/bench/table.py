@@ -1,4 +1,4 @@
-"""What a bench found, as tables in Markdown with a picture of each robot."""
+"""Results of a bench as Markdown tables, with a picture of each robot."""
 
 from __future__ import annotations
 
@@ -166,7 +166,7 @@ Table = tuple[str, tuple[str, ...], list[tuple[str, ...]]]
 
 
 def tables_of_findings(findings: Findings) -> list[Table]:
-    """Return what a bench found as tables, empty ones left out.
+    """Return the results of a bench as tables, without empty ones.
 
     Args:
         findings: The results.
@@ -200,7 +200,7 @@ def _done(findings: Findings, cases: Iterable[Case]) -> list[str]:
 
 
 def _robot_table(findings: Findings) -> Table:
-    """What the robots are like."""
+    """Masses, sizes and gaits of the robots."""
 
     def cells(robot: str) -> Iterator[str]:
         r = findings.one(robot, "about")
@@ -220,7 +220,7 @@ def _robot_table(findings: Findings) -> Table:
 
 
 def _outcome_table(findings: Findings) -> Table:
-    """How the walks and dances ended."""
+    """Outcomes of walks and dances."""
     names = _done(findings, WALKS)
     rows = _rows(
         findings, lambda robot: [outcome_cell(findings.one(robot, n)) for n in names]
@@ -265,7 +265,7 @@ def _ablation_table(findings: Findings) -> Table:
 
 
 def _disturbed_table(findings: Findings) -> Table:
-    """How the walk forward ends when something is wrong."""
+    """Outcomes of the forward walk under disturbances."""
     names = _done(findings, DISTURBED)
     rows = _rows(
         findings, lambda robot: [outcome_cell(findings.one(robot, n)) for n in names]

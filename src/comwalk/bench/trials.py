@@ -1,4 +1,4 @@
-"""What comwalk is tried with: walks, dances, disturbances and limits, as data.
+"""Trials as data: walks, dances, disturbances and the search for limits.
 
 A `Case` says in a robot's own measures what is to be done, so that one list of cases
 serves all robots; `perform` does it with one of them and returns plain numbers. A fall,
@@ -63,7 +63,7 @@ def perform(robot: str, case: Case) -> dict[str, Any]:
 
 
 def prepare(robot: str, case: Case) -> Setup:
-    """Return what a case needs to be run.
+    """Return the setup of a case.
 
     Args:
         robot: Name or file of the robot.
@@ -235,7 +235,7 @@ _PATH = 0.3  # shortest path that an error can be a share of [m]
 
 
 class Limit(NamedTuple):
-    """Where something begins to fail."""
+    """The limit at which a robot begins to fail."""
 
     value: float
     """The largest value found that does not fail."""
@@ -285,7 +285,7 @@ def find_limit(
 
 
 def fault_of(figures: Mapping[str, Any], *, limits: bool) -> str:
-    """Return what is wrong with a walk.
+    """Return why a walk does not count as good, empty if it does.
 
     Args:
         figures: What `perform` returned.

@@ -1,4 +1,4 @@
-"""What is guaranteed before motion, Eqs. (28) and (32)-(38): loops, bounds, limits."""
+"""Guarantees before motion, Eqs. (28) and (32)-(38): loops, bounds, limits."""
 
 from typing import TYPE_CHECKING
 

@@ -29,7 +29,7 @@ from .stability_margins import decay_rate
 
 
 class PaperBound(NamedTuple):
-    """What the paper's Lyapunov function (37) guarantees at best."""
+    """The best bound of the paper's Lyapunov function, Eq. (37)."""
 
     com: float
     """Ultimate bound on |e_c| [m]."""
@@ -204,7 +204,7 @@ def _check_stable(k_p: float, k_c: float) -> None:
 
 
 def _least(value: Callable[[float], float], high: float) -> float:
-    """Return where a function with one minimum in (0, high) is least."""
+    """Return the minimiser of a unimodal function on (0, high)."""
     from scipy.optimize import minimize_scalar
 
     answer = minimize_scalar(

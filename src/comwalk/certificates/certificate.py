@@ -1,4 +1,4 @@
-"""What the gains of the walking controller guarantee, before the robot moves.
+"""Certificate of the walking controller's gains, before the robot moves.
 
 `certify` puts all answers together, for each axis, walking and standing: the paper's
 theory on the ideal model beside the exact facts, and the loop as it is sampled,
@@ -34,7 +34,7 @@ from .stability_margins import Margins, decay_rate, largest_zmp_gain, margins
 
 
 class SoleRoom(NamedTuple):
-    """How far the ZMP may be from its plan before a sole tips."""
+    """Admissible ZMP error before a sole tips."""
 
     walking: Pair
     """On one foot, forward and sideways [m]."""
@@ -62,7 +62,7 @@ class IdealBounds:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class IdealCertificate:
-    """What the ideal loop guarantees, the one of the paper's proof."""
+    """Guarantees of the ideal loop, that of the paper's proof."""
 
     theorem_1: bool
     """Whether Eq. (32) holds as printed, for some beta and gamma: it is `remark_1`."""
@@ -97,7 +97,7 @@ class SampledBound:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class LoopCertificate:
-    """What the loop guarantees as it runs: sampled, filtered, delayed."""
+    """Guarantees of the loop as it runs: sampled, filtered, delayed."""
 
     radius: float
     """Spectral radius of a tick [-]; stable below 1."""
@@ -148,7 +148,7 @@ class AxisCertificate:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Certificate:
-    """What gains guarantee on a robot. Made by `certify`."""
+    """The certificate of gains on a robot. Made by `certify`."""
 
     pendulum: Pendulum
     """The simplified model."""
@@ -229,7 +229,7 @@ def certify(
     exact: bool = True,
     theory: bool = True,
 ) -> Certificate:
-    r"""Return what gains guarantee, for walking and standing, by axis.
+    r"""Certify gains, for walking and standing, by axis.
 
     The disturbance is that of Eq. (30), an error of the CoM's velocity, with
     :math:`|\epsilon| \le a` and :math:`|\dot\epsilon| \le b`.
@@ -287,7 +287,7 @@ def certify(
 
 
 class _Axis(NamedTuple):
-    """What is certified of one axis."""
+    """The certificate of one axis."""
 
     pendulum: Pendulum
     k_p: float

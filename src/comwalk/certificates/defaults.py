@@ -1,4 +1,4 @@
-r"""What a robot walks with unless told otherwise: the paper's numbers, made to fit.
+r"""Default gait and gains of a robot: the paper's numbers, made to fit.
 
 Two robots whose lengths have the ratio r walk alike if all times have the ratio
 :math:`\sqrt r` (dynamic similarity: :math:`\omega_n t` is the same). The length is the
@@ -299,7 +299,7 @@ def default_control(robot: Robot, *, period: float = 0.002) -> Control:
 
 
 def sole_room(robot: Robot) -> SoleRoom:
-    """Return how far the ZMP of a robot may be from its plan before a sole tips.
+    """Return the admissible ZMP error of a robot before a sole tips.
 
     Args:
         robot: The robot.
@@ -383,7 +383,7 @@ _USE = 0.98  # share of a limit that the natural gait may use
 
 
 def _fits(robot: Robot, gait: Gait) -> bool:
-    """Return whether a few steps keep within the limits of joints and legs."""
+    """Return whether a few steps keep the limits of joints and legs."""
     try:
         plan = plan_steps(gait, 4, sole_size=robot.sole_size)
         pattern = make_pattern(plan, default_pendulum(robot))

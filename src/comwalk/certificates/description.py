@@ -1,4 +1,4 @@
-"""What comwalk has found out about a robot: as a profile, and as numbers and texts."""
+"""Description of a loaded robot: as a profile, and as numbers and texts."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ def _limits(robot: Robot) -> dict[str, Limits]:
 
 
 def describe(robot: Robot) -> dict[str, Any]:
-    """Return what was found out about a robot, ready for JSON.
+    """Describe a robot, ready for JSON.
 
     Args:
         robot: The robot.
@@ -165,7 +165,7 @@ def _gait(robot: Robot) -> dict[str, float]:
 
 
 def _bend(robot: Robot) -> float:
-    """Return how far the legs are from their singular posture, as `posture.BEND`."""
+    """Return the distance of the legs from singularity, as `posture.BEND`."""
     kinematics = Kinematics(robot)
     posture, found = kinematics.posture(robot.home), []
     for i, limb in enumerate(robot.limbs):
@@ -194,7 +194,7 @@ def _digits(x: float) -> float:
 
 
 def rows_of(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
-    """Return what `describe` has found as rows of a table.
+    """Return a description as rows of a table.
 
     Args:
         facts: What it returned.

@@ -1,4 +1,4 @@
-"""Refuse gains that cannot hold a robot, before anything moves."""
+"""Refusal of gains that cannot balance a robot, before anything moves."""
 
 from __future__ import annotations
 

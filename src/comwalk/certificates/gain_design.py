@@ -32,7 +32,7 @@ survived, or nothing, since the poles are given."""
 
 @dataclass(frozen=True, kw_only=True)
 class DesignGoal:
-    """What designed gains are to reach, and what they are to keep.
+    """Objective and constraints of a gain design.
 
     Raises:
         ParameterError: If a number is out of range, or poles are half given.

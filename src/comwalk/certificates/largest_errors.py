@@ -16,7 +16,7 @@ from .pole_placement import _second_order, poles
 def frequency_response(
     pendulum: Pendulum, k_p: float, k_c: float, frequency: float
 ) -> tuple[complex, complex]:
-    r"""Return what a sine disturbance does to the CoM and ZMP errors.
+    r"""Return the response of the CoM and ZMP errors to a sine disturbance.
 
     .. math:: G_c = \frac{-1}{D(s)}, \quad G_p = \frac{s^2/\omega_n^2 - 1}{D(s)}, \quad
         D(s) = \frac{k_p}{\omega_n^2} s^2 + s + (k_c - k_p)

@@ -1,4 +1,4 @@
-"""Whether a robot can walk a plan, before it moves: what the plan asks of each joint.
+"""Feasibility of a plan before it moves: required over available, joint by joint.
 
 The reference is followed without limits by the kinematic resolution; its angles, rates
 and torques stand beside the robot's limits, and so do the reach of the legs, their
@@ -81,14 +81,14 @@ _SENTENCES = {
 
 @dataclass(frozen=True, eq=False)
 class Feasibility:
-    """What a plan asks of a robot. Made by `feasibility`."""
+    """Demands of a plan on a robot. Made by `feasibility`."""
 
     demands: tuple[Demand, ...]
     """All demands, the worst first."""
 
     @property
     def ok(self) -> bool:
-        """Whether all demands are within what the robot has."""
+        """Whether all demands are met."""
         return not self.demands or self.worst.share <= 1.0
 
     @property
@@ -132,7 +132,7 @@ def feasibility(
     period: float = PERIOD,
     geometry: mujoco.MjSpec | None = None,
 ) -> Feasibility:
-    """Return what a pattern asks of a robot, compared with what the robot has.
+    """Return the demands of a pattern on a robot: required over available.
 
     Args:
         robot: The robot.
@@ -197,7 +197,7 @@ _ZMP_EASILY = 0.8  # the same of the ZMP's: how often it is off depends on the r
 
 
 def _fits_easily(robot: Robot, pattern: Pattern) -> bool:
-    """Return whether a plan fits, as its steps that repeat themselves need one look."""
+    """Return whether a plan fits, with each repeated step looked at once."""
     steps, omega = pattern.plan.steps, pattern.pendulum.omega
     times = [step.double_support + step.single_support for step in steps]
     keep = 2 * math.ceil(_SETTLED / (omega * min(times, default=1.0)))
@@ -212,7 +212,7 @@ def _fits_easily(robot: Robot, pattern: Pattern) -> bool:
 
 
 def advice(changes: Sequence[Change]) -> str:
-    """Return what to change, on one line.
+    """Return advice on one line.
 
     Args:
         changes: What `nearest_plans` found.

@@ -1,4 +1,4 @@
-"""What legs reach, and what the whole body does while it follows a plan."""
+"""Reach of the legs, and the motion of the whole body along a plan."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ REACH_SHARE = 0.99
 def leg_reaches(
     robot: Robot, pattern: Pattern
 ) -> dict[Side, tuple[float, float, float]]:
-    """Return how long each leg must be whenever its foot is on the ground.
+    """Return the leg lengths required while a foot is on the ground.
 
     The hips are taken where the CoM carries them in the walking posture, upright.
 
@@ -60,7 +60,7 @@ def leg_reaches(
 
 
 def _joint_anchors(robot: Robot, kinematics: Kinematics, name: str) -> np.ndarray:
-    """Return where the joints of a leg are [m], world, of shape (n, 3)."""
+    """Return the anchors of a leg's joints [m], world, of shape (n, 3)."""
     limb = next(limb for limb in robot.limbs if limb.name == name)
     if len(limb.joints) != 6:
         raise ModelError(

@@ -146,7 +146,7 @@ def loop_plant(pendulum: Pendulum, loop: SampledLoop) -> LoopPlant:
 
 
 class TickResponse(NamedTuple):
-    """What a period does to the state x = (c, v, f, ...), before any digital filter."""
+    """Transition of the state x = (c, v, f, ...) over a period, before any filter."""
 
     F: np.ndarray
     """From x, (n, n)."""
@@ -206,7 +206,7 @@ def tick_response(pendulum: Pendulum, loop: SampledLoop) -> tuple[TickResponse, 
 
 
 def disturbance_response(pendulum: Pendulum, loop: SampledLoop) -> np.ndarray:
-    """Return what a disturbance does to the state over a period, before the filter.
+    """Return the disturbance's effect on the state over a period, before the filter.
 
     Args:
         pendulum: Gives omega_n [rad/s].
@@ -307,7 +307,7 @@ def _radius(pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop) -> fl
 def open_loop(
     pendulum: Pendulum, loop: SampledLoop, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return what u does to CoM and ZMP, as the law gets to see them, all of it late.
+    """Return the open loop from u to the measured CoM and ZMP, delays included.
 
     With the loop cut open at u, it is the response of the sampled signals to
     :math:`u_n = z^n`; the loop gain of the law is k_c C - k_p P, filtered.
@@ -361,7 +361,7 @@ z to be a pole: a number that is not complex is one at which stability changes."
 def crossings(
     pendulum: Pendulum, loop: SampledLoop, parameter: Parameter
 ) -> list[tuple[float, float]]:
-    """Return where poles of the loop can cross the unit circle.
+    """Return the frequencies at which poles can cross the unit circle.
 
     Args:
         pendulum: Gives omega_n [rad/s].

@@ -1,4 +1,4 @@
-"""How far the sampled loop is from the edge of its stability, per axis.
+"""Stability margins of the sampled loop, per axis.
 
 All is read from the loop cut open at u, on the unit circle: the loop gain
 :math:`L(z) = k_c C(z) - k_p P(z)`, with u = -L u when the loop is closed. A pole on the
@@ -21,7 +21,7 @@ from .sampled_loop import SampledLoop, crossings, on_circle, open_loop, spectral
 
 @dataclass(frozen=True, kw_only=True)
 class Margins:
-    """How much worse a stable loop may become."""
+    """Stability margins of a loop."""
 
     gain_up: float
     """Factor on both gains at which the loop becomes unstable [-], above 1."""
@@ -138,7 +138,7 @@ def _unstable_factors(
 def zmp_sensitivity(
     pendulum: Pendulum, k_p: Gain, k_c: Gain, loop: SampledLoop, frequency: float
 ) -> Gain:
-    r"""Return what the law leaves of a ZMP error that swings, such as the swing foot's.
+    r"""Return the sensitivity to a periodic ZMP error, such as the swing foot's.
 
     .. math:: S = \frac{1 + k_c C}{1 + k_c C - k_p F P}, \quad
         S(0) = \frac{k_c}{k_c - k_p}
@@ -202,7 +202,7 @@ def largest_zmp_gain(pendulum: Pendulum, k_c: float, loop: SampledLoop) -> float
 
 
 def decay_rate(pendulum: Pendulum, k_p: float, k_c: float, loop: SampledLoop) -> float:
-    """Return how fast the slowest error of the sampled loop decays.
+    """Return the slowest decay rate of the sampled loop.
 
     Args:
         pendulum: Gives omega_n [rad/s].

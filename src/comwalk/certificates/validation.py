@@ -1,4 +1,4 @@
-r"""The certificate checked against a run: what disturbed it, and what that implies.
+r"""Validation of a certificate against a run: its disturbance and what that implies.
 
 The CoM error that a run shows is the answer of the loop to one disturbance eps, which
 can be solved for. In the ideal loop, Eqs. (33) and (34),
@@ -77,7 +77,7 @@ class Compared:
 
 @dataclass(frozen=True)
 class ObservedAxis:
-    """What a run shows of one axis."""
+    """Observed errors and disturbance of one axis."""
 
     axis: str
     """x or y, along the heading."""
@@ -105,7 +105,7 @@ def observe(
     gains: Gains,
     loop: SampledLoop,
 ) -> tuple[ObservedAxis, ObservedAxis]:
-    """Return what a run shows of both axes, with the true CoM if it is known.
+    """Observe both axes of a run, with the true CoM if it is known.
 
     Args:
         columns: Columns of the log.
@@ -168,7 +168,7 @@ def _size(eps: np.ndarray, dt: float) -> tuple[float, float]:
 def _observed(
     axis: str, x: _Axis, e_c: np.ndarray, e_p: np.ndarray, drift: np.ndarray
 ) -> ObservedAxis:
-    """Return what a run shows of one axis."""
+    """Observe one axis of a run."""
     dt = x.loop.period
     e_c, e_p, drift = (_smooth(values, dt) for values in (e_c, e_p, drift))
     rate = np.gradient(e_c, dt)
@@ -229,7 +229,7 @@ def _largest(values: np.ndarray) -> float:
 
 
 def observe_run(folder: str | Path) -> tuple[ObservedAxis, ObservedAxis]:
-    """Return what a saved run shows of both axes.
+    """Observe both axes of a saved run.
 
     Args:
         folder: A folder that `comwalk walk` wrote.
@@ -264,7 +264,7 @@ def _control_of(table: Mapping[str, Any]) -> Control:
 
 
 def numbers_of_observed(axes: tuple[ObservedAxis, ObservedAxis]) -> dict[str, Any]:
-    """Return what a run shows as plain numbers, units in their names.
+    """Return an observation as plain numbers, units in their names.
 
     Args:
         axes: What `observe` returned.
@@ -301,7 +301,7 @@ def _compared(c: Compared) -> dict[str, Any]:
 
 
 def lines_of_observed(x: ObservedAxis) -> list[str]:
-    """Return what a run shows of one axis, for people.
+    """Return the observation of one axis as lines of text.
 
     Args:
         x: What `observe` returned for the axis.

@@ -125,7 +125,7 @@ def _stopped() -> int:
 
 
 def _refuse(message: str) -> int:
-    """Say on one line what is wrong with the input."""
+    """Print an input error on one line."""
     _say(message)
     return BAD_INPUT
 

@@ -115,7 +115,7 @@ def bench(
 
 
 def _cases(names: list[str], quick: bool, write: bool) -> tuple[Case, ...]:
-    """Return what each robot is to do."""
+    """Return the cases of each robot."""
     seeds = REPORT_SEEDS if write else TUNING_SEEDS
     every = all_cases(seeds[:3] if quick else seeds)
     if quick:

@@ -95,7 +95,7 @@ def _read(
 
 
 def _ideal_rows() -> Iterator[Reader]:
-    """Yield what is told of the ideal loop, but for its bounds."""
+    """Yield rows of the ideal loop, without its bounds."""
 
     def poles(x: IdealCertificate) -> str:
         first, second = x.poles
@@ -129,7 +129,7 @@ def _bound_rows(name: str) -> Iterator[Reader]:
 
 
 def _loop_rows() -> Iterator[Reader]:
-    """Yield what is told of the loop as it runs."""
+    """Yield rows of the loop as it runs."""
 
     def margin(name: str, factor: float = 1.0) -> Callable[[LoopCertificate], str]:
         def text(x: LoopCertificate) -> str:
@@ -221,7 +221,7 @@ def _plain(value: Any) -> Any:
 def facts_of(
     found: Identified, robot: str, pendulum: Pendulum, control: Control
 ) -> dict[str, Any]:
-    """Return what was identified as plain numbers, units in their names.
+    """Return an identified loop as plain numbers, units in their names.
 
     Args:
         found: What was identified.
@@ -265,7 +265,7 @@ def _estimate(x: Estimate | None, scale: float = 1.0) -> dict[str, float] | None
 
 
 def _axis(fit: ResponseFit, k: int, control: Control) -> dict[str, Any]:
-    """Return what was found of one axis."""
+    """Return the numbers of one axis."""
     cutoff = control.settings.zmp_cutoff
     pairs = {"walking": control.gains.walking, "standing": control.gains.standing}
     more = {}

@@ -1,4 +1,4 @@
-"""The command `comwalk certify`: what gains guarantee, before the robot moves."""
+"""The command `comwalk certify`: the certificate of a robot's gains."""
 
 from __future__ import annotations
 

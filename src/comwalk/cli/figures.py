@@ -26,7 +26,7 @@ Progress = Callable[[str], None]
 
 
 class Quantity(NamedTuple):
-    """A quantity that the paper states, or that tells how well a figure came out."""
+    """A quantity that the paper states, or that measures how well a figure came out."""
 
     name: str
     """Its name in files."""
@@ -171,7 +171,7 @@ def dance_quantities(run: Run, ignored: Run) -> list[Quantity]:
 
 
 def _largest_offsets(run: Run) -> tuple[float, float]:
-    """Return how far CoM and ZMP leave the start of the CoM, horizontally [mm]."""
+    """Return the largest horizontal offsets of CoM and ZMP from the start [mm]."""
     log, start = run.log, run.log["com_ref"][0, :2]
     com = log["com_true" if "com_true" in log else "com"][:, :2]
     offsets = (com - start, log["zmp_filtered"] - start)

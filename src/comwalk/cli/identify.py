@@ -1,4 +1,4 @@
-"""The command `comwalk identify`: shake the standing robot, tell what its loop is."""
+"""The command `comwalk identify`: excite the standing robot, identify its loop."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A walk in real time that is watched and steered while it goes on.
+"""A live walk: simulated in real time, watched and steered from a browser.
 
 The control loop never waits for who looks on. What there is to see is put where only
 the latest value stays (`LiveWalk.latest`); commands come through a queue that the loop
@@ -37,7 +37,7 @@ _STANDING = 100_000.0  # how long the robot goes on standing after its walk [s]
 
 @dataclass(frozen=True, eq=False)
 class LiveView:
-    """What there is to see of a live walk at one time."""
+    """The latest state of a live walk, for its page."""
 
     moment: Moment
     """The robot and what its controller sees."""
@@ -263,7 +263,7 @@ class LiveWalk:
         self.pacer.wait()
 
     def _lie(self, outcome: Outcome) -> None:
-        """Let physics go on after a fall, until a restart or the end."""
+        """Continue the physics after a fall, until a restart or the end."""
         if outcome.end is not End.FELL:
             return
         plant, seen = self._parts.plant, self.latest
@@ -373,7 +373,7 @@ def _robot_of(setup: Setup) -> Robot:
 
 
 def _prepared(setup: Setup, about: Mapping[str, Any]) -> Prepared:
-    """Return what walks a setup."""
+    """Return the parts that walk a setup."""
     return prepare(
         _robot_of(setup),
         setup.pattern,

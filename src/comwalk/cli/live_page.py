@@ -40,7 +40,7 @@ _STATUS = 4.0  # times per second that words are written [1/s]
 
 
 class LivePage:
-    """What a browser shows of a live walk, and what it commands. Final."""
+    """The page of a live walk: views and controls. Final."""
 
     def __init__(
         self,

@@ -1,4 +1,4 @@
-"""Progress bars, for commands that take long."""
+"""Progress bars for long commands."""
 
 from __future__ import annotations
 
@@ -41,7 +41,7 @@ def counting_bar(
 def share_bar(
     what: str, quiet: bool = False
 ) -> Generator[Callable[[float], None] | None]:
-    """Show a progress bar of something that is done by and by, on a terminal.
+    """Show a progress bar on a terminal.
 
     Args:
         what: What is made.

@@ -1,4 +1,4 @@
-"""The command `comwalk robot`: what was found out about a robot, and its picture."""
+"""The command `comwalk robot`: description and picture of a robot."""
 
 from __future__ import annotations
 

@@ -197,7 +197,7 @@ def log(run: _Run, /, *, json: _Json = False) -> int:
 
 
 def _about(facts: LogFacts) -> list[tuple[str, str]]:
-    """Return what a table says of the whole log."""
+    """Return the rows of a table about the whole log."""
     robot, command = facts.settings.get("robot"), facts.settings.get("command")
     rows = [("outcome", facts.outcome or "not known: the run was killed before")]
     rows += [("robot", robot)] if robot else []
@@ -206,7 +206,7 @@ def _about(facts: LogFacts) -> list[tuple[str, str]]:
 
 
 def _table_of(facts: LogFacts, path: Path) -> dict[str, Any]:
-    """Return what a log holds, ready for JSON."""
+    """Return the contents of a log, ready for JSON."""
     topics = [
         {"topic": t.topic, "type": t.kind, "messages": t.messages, "rate_hz": t.rate}
         | {"first_s": t.first_s, "last_s": t.last_s}

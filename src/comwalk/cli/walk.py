@@ -1,4 +1,4 @@
-"""What the commands do: read the configuration, run, print a short table."""
+"""The commands that walk and dance: read the configuration, run, print a table."""
 
 from __future__ import annotations
 
@@ -258,7 +258,7 @@ def motions(
 
 
 def _motion_rows(motion: Motion) -> list[dict[str, Any]]:
-    """Return what a motion holds, joint by joint."""
+    """Return a motion's ranges, joint by joint."""
     low, high = motion.positions.min(axis=0), motion.positions.max(axis=0)
     return [
         {
@@ -394,7 +394,7 @@ def _run_folder(out: str | None, command: str) -> Path:
 def _telling(
     line: str | None, progress: Callable[[float], None] | None
 ) -> Callable[[float], None]:
-    """Return what prints a line as soon as the robot moves, then shows progress."""
+    """Return a callback that prints a line once the robot moves, then progress."""
     left = [] if line is None else [line]
 
     def show(time: float) -> None:

@@ -36,7 +36,7 @@ def low_pass_coefficient(cutoff: float | None, dt: float) -> float:
 
 
 def servo_response(lag: float, dt: float) -> tuple[float, float]:
-    r"""Return what is left of a speed difference after dt, and its integral.
+    r"""Return the decay of a speed difference over dt, and its integral.
 
     .. math:: \tau \dot v = u - v: \quad e^{-dt/\tau}, \; \tau (1 - e^{-dt/\tau})
 

@@ -46,7 +46,7 @@ class Gains:
     )
 
     def __post_init__(self) -> None:
-        """Store pairs; refuse what is not one or two gains."""
+        """Store pairs; refuse anything but one or two gains."""
         check_settings(self)
 
     @property

@@ -1,4 +1,4 @@
-"""How a walk ends: outcomes, and the guard that notices falls and dead sensors."""
+"""Outcomes of a walk, and the guard that detects falls and sensor failures."""
 
 from __future__ import annotations
 

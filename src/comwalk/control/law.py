@@ -97,7 +97,7 @@ def heading_correction(
 
 @dataclass(frozen=True, kw_only=True)
 class ControlSettings:
-    """How the walking controller treats its measurements, and its bounds.
+    """Filter, delay and bounds of the walking controller.
 
     Raises:
         ParameterError: If a number is out of range.
@@ -134,7 +134,7 @@ class ControlSettings:
 
 
 class ControlReference(Protocol):
-    """What the controller needs of a `Reference`; x and y are used of each array."""
+    """The part of a `Reference` that the controller uses: x and y of each array."""
 
     @property
     def com(self) -> np.ndarray:
@@ -164,7 +164,7 @@ class ControlReference(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ControlOutput:
-    """What the walking controller asks for at one tick; all in world axes."""
+    """Output of the walking controller at one tick, world."""
 
     u: np.ndarray
     """CoM velocity from now to the next tick, Eq. (31), bounded [m/s], (2,)."""
@@ -198,7 +198,7 @@ class ControlOutput:
 
 
 class Controller(Protocol):
-    """What commands the CoM in the loop of Fig. 4."""
+    """A CoM controller in the loop of Fig. 4."""
 
     def reset(
         self,
@@ -319,7 +319,7 @@ def apply_law(
 
 
 def _xy(name: str, value: np.ndarray | Sequence[float]) -> Pair:
-    """Return x and y as floats; refuse what is not finite."""
+    """Return x and y as floats; refuse numbers that are not finite."""
     try:
         x, y = float(value[0]), float(value[1])
     except (TypeError, ValueError, IndexError) as error:
@@ -447,7 +447,7 @@ class WalkingController:
         return self.output()
 
     def output(self) -> ControlOutput:
-        """Return what the law asked for at the last tick."""
+        """Return the output of the last tick."""
         s = self.state[0]
         p_d, p = s["zmp_reference"].copy(), s["zmp_filtered"].copy()
         u, c, e_c = s["u"].copy(), s["com_command"].copy(), s["e_c"].copy()

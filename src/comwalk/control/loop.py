@@ -52,7 +52,7 @@ class Tick(NamedTuple):
 
 
 class Walkable(Protocol):
-    """What can be walked: a `Pattern`, or an `OnlinePattern` that is commanded."""
+    """A pattern to walk: a `Pattern`, or an `OnlinePattern` that is commanded."""
 
     @property
     def duration(self) -> float:
@@ -82,7 +82,7 @@ class Ticker(Protocol):
 
     @property
     def reference(self) -> Reference:
-        """What the plan asked for in the last period."""
+        """The reference of the last period."""
         ...
 
     def seen(self, sensors: Sensors, seconds: float) -> Tick:
@@ -96,14 +96,14 @@ class Ticker(Protocol):
 
 
 class Link(Protocol):
-    """What exchanges commands and readings with a plant."""
+    """The exchange of commands and readings with a plant."""
 
     def write(self, k: int, sensors: Sensors | None, seconds: float) -> None:
         """Send the command of the k-th period, which took some seconds to compute."""
         ...
 
     def read(self) -> Sensors | None:
-        """Return what the robot senses at the end of the period."""
+        """Return the sensor readings at the end of the period."""
         ...
 
 
@@ -123,13 +123,13 @@ class PlantLink:
         self._plant, self._ticker, self._on_tick = plant, ticker, on_tick
 
     def write(self, k: int, sensors: Sensors | None, seconds: float) -> None:
-        """Send the command, and tell of the tick; see `Link.write`."""
+        """Send the command and report the tick; see `Link.write`."""
         self._plant.write(self._ticker.command)
         if self._on_tick is not None and sensors is not None:
             self._on_tick(self._ticker.seen(sensors, seconds))
 
     def read(self) -> Sensors:
-        """Return what the robot senses at the end of the period."""
+        """Return the sensor readings at the end of the period."""
         return self._plant.read()
 
 
@@ -227,7 +227,7 @@ class Body(Protocol):
         ...
 
     def ticker(self, pattern: Walkable, controller: Controller, watch: Watch) -> Ticker:
-        """Return what measures, guards, controls and acts, after `start`."""
+        """Return the control tick, after `start`."""
         ...
 
 
@@ -255,7 +255,7 @@ class PointBody:
         return Command(control.com_command, control.u)
 
     def ticker(self, pattern: Walkable, controller: Controller, watch: Watch) -> Ticker:
-        """Return what goes through one period after the other."""
+        """Return the control tick of the point mass."""
         return BodyTicker(pattern, controller, self, watch)
 
 
@@ -277,7 +277,7 @@ class BodyTicker:
         self._watch, self._guard = guard_of(watch)
         self._record = np.zeros(1, REFERENCE)
         self.reference = pattern.at(0.0)
-        """What the plan asked for in the last period."""
+        """The reference of the last period."""
 
     def step(self, time: float, sensors: Sensors) -> Outcome | None:
         """Go through the period that starts at a time [s]; see `Ticker.step`."""

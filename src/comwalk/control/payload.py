@@ -1,4 +1,4 @@
-"""Weighing the standing robot: what the model's mass and CoM miss.
+"""Payload estimation: mass and CoM offset of the standing robot.
 
 At rest the CoM is over the ZMP, whatever the model says. A load unknown to the model
 shows as a distance b between the two, and as a larger weight. Left alone, the law would

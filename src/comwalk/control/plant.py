@@ -1,4 +1,4 @@
-r"""What a robot must offer, and the paper's simplified robot, Eq. (30).
+r"""The interface of a robot, and the paper's simplified robot, Eq. (30).
 
 `Plant` is the robot box of Fig. 4 seen from the loop: set-points go in, sensor readings
 come out, once a period. A driver of a real robot implements it, as a simulator does.
@@ -35,7 +35,7 @@ PAPER_MASS = 67.68
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sensors:
-    """What a robot senses at one time."""
+    """Sensor readings at one time."""
 
     time: float
     """Time since the start [s]."""

@@ -1,4 +1,4 @@
-"""What the controller feeds back: CoM by encoders, ZMP by ankle wrenches, Fig. 4."""
+"""Feedback signals of Fig. 4: CoM from encoders, ZMP from ankle wrenches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The settings of a run: what a user may change, checked where it enters."""
+"""Settings of a run: physics, body and controller."""
 
 from __future__ import annotations
 
@@ -87,7 +87,7 @@ class SimulatorSettings:
 
 @dataclass(frozen=True, kw_only=True)
 class BodySettings:
-    """How the whole body follows its commands."""
+    """Settings of the whole body: feedback, compensation, foot contact."""
 
     feedback: float = setting(
         20.0, "Feedback on every Cartesian row against drift (CLIK)", "1/s", "[0, 100]"

@@ -105,5 +105,5 @@ def flat_at(handle: np.ndarray) -> Flat:
 
 @inlined
 def wanted_at(handle: np.ndarray) -> np.ndarray:
-    """Return what is wanted of the whole body: the fourth array of a handle."""
+    """Return the targets of the whole body: the fourth array of a handle."""
     return records_at(handle, 3, WANTED)

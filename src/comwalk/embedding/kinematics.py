@@ -135,7 +135,7 @@ def find_levers(flat: Flat) -> None:
 
 @kernel
 def site_point(flat: Flat, site: int) -> tuple[float, float, float]:
-    """Return where a site is in the world [m]."""
+    """Return the position of a site [m], world."""
     link = flat.links[flat.sites[site].link]
     x, y, z = turned(link.R, flat.sites[site].point)
     return link.p[0] + x, link.p[1] + y, link.p[2] + z
@@ -173,7 +173,7 @@ def is_square(limb: Record) -> bool:
 
 @kernel
 def _drift(flat: Flat, limb: Record, trunk: Record, s: Record) -> None:
-    """Write what is left of a limb's twist for its own joints, (6,).
+    """Write the twist that remains for a limb's own joints, (6,).
 
     Taken away is what the trunk's turning, the joints that carry the limb, and the
     rates wished in its null space do. Its columns are made on the way.

@@ -259,7 +259,7 @@ def _closed(name: str, positions: np.ndarray, joints: tuple[str, ...]) -> np.nda
 
 @dataclass(frozen=True)
 class JointLimit:
-    """What one joint can do.
+    """Limits of one joint.
 
     Raises:
         ParameterError: If a limit is not a number, or lower exceeds upper.

@@ -170,7 +170,7 @@ def _check_range(
 def _range_advice(
     q: np.ndarray, home: np.ndarray, lower: np.ndarray, upper: np.ndarray
 ) -> str:
-    """Return what to do about a motion that leaves the position limits."""
+    """Return advice on a motion that leaves the position limits."""
     if np.abs(q).max() > 3.0 * math.pi:
         return "angles must be in radians, these look like degrees"
     away = q - home

@@ -115,7 +115,7 @@ def _half_turn_log(R: Record) -> tuple[float, float, float]:
 
 @kernel
 def turn_to_level(yaw: float, R: Record, scratch: Record) -> tuple[float, float, float]:
-    """Return what `level_error` does, for kernels.
+    """Return `level_error` as a rotation vector, for kernels.
 
     Args:
         yaw: Desired heading [rad].

@@ -60,7 +60,7 @@ class RateLimits:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Layout:
-    """Where the stacked system finds its rows and columns, for one kind of task."""
+    """Rows and columns of the stacked system, for one kind of task."""
 
     rows: np.ndarray
     """Rows of `Posture.jacobian`: the CoM's, then the Cartesian limbs'."""
@@ -154,7 +154,7 @@ class Resolver:
     def resolve_within(
         self, posture: Posture, task: Task, limits: RateLimits
     ) -> Resolution:
-        """Resolve a task within joint limits; what is lost shows in the residuals.
+        """Resolve a task within joint limits; residuals show the loss.
 
         When the exact rates would pass a limit, the bounded weighted least-squares
         rates are taken instead, in the order of `Damping`.

@@ -95,7 +95,7 @@ Motions = Mapping[str, CartesianMotion | JointMotion]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Task:
-    """What one tick asks of the whole body."""
+    """The task of the whole body at one tick."""
 
     com_velocity: np.ndarray
     """CoM velocity cdot [m/s], world, of shape (3,): u of Eq. (31) in x and y."""
@@ -112,7 +112,7 @@ class Task:
 
 @dataclass(frozen=True, kw_only=True)
 class Damping:
-    """How the resolution gives way near singular postures and at joint limits.
+    """Damping of the resolution near singular postures and at joint limits.
 
     Feet give way least, then the horizontal CoM, the trunk's orientation and other
     ends, and the CoM height most. The weights do not depend on which leg is the base

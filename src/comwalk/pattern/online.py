@@ -292,7 +292,7 @@ class OnlinePattern:
         self._replan()
 
     def _take(self, gait: Gait) -> None:
-        """Tell the kernels of a gait."""
+        """Write a gait into the command of the kernels."""
         least, D = MIN_MINJERK / self.pendulum.omega, gait.double_support_time
         if gait.double_support == "minjerk" and least > D:
             raise PlanError(

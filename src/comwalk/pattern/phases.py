@@ -1,4 +1,4 @@
-r"""A pattern made without objects: footsteps in, a table of phases out.
+r"""From footsteps to a table of phases, as kernels: Eqs. (4)-(13).
 
 `pattern.make_pattern` derives what is computed here and is the reference. These kernels
 do the same on the rows of `rows`, fast enough to plan anew in every control period. A
@@ -222,7 +222,7 @@ def add_end(
 
 @kernel
 def after(piece: Record) -> tuple[float, int]:
-    """Return when a phase ends, and how many footsteps have landed then."""
+    """Return the end time of a phase, and the footsteps landed by then."""
     landed = piece.landed + (1 if piece.swinging >= 0 else 0)
     return piece.start + piece.duration, landed
 

@@ -1,4 +1,4 @@
-"""Refuse footsteps that legs cannot reach or that put one sole on the other."""
+"""Refusal of footsteps that legs cannot reach or that put one sole on the other."""
 
 from __future__ import annotations
 
@@ -72,7 +72,7 @@ def _refuse(faults: Iterable[_Fault], names: Sequence[str]) -> None:
 
 
 def _sole_gap(a: np.ndarray, b: np.ndarray, size: tuple[float, float]) -> np.ndarray:
-    """Return how far pairs of soles are apart along their best separating axis.
+    """Return the gaps of pairs of soles along their best separating axis.
 
     Args:
         a: Poses, shape (n, 3).

@@ -71,7 +71,7 @@ def _chain(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
 
 
 def polygon_margin(polygon: np.ndarray, point: np.ndarray | Sequence[float]) -> float:
-    """Return how deep a point lies inside a convex polygon.
+    """Return the distance of a point to the nearest edge of a convex polygon.
 
     Args:
         polygon: Vertices [m], shape (k, 2), counter-clockwise, k >= 1.

@@ -1,4 +1,4 @@
-r"""What a pattern asks for at one time: `Reference`, and the kernels that fill it.
+r"""The reference at one time: `Reference`, and the kernels that evaluate it.
 
 In each phase of duration S both axes of the CoM are
 
@@ -43,7 +43,7 @@ class FootMotion:
 
 
 class Phase(IntEnum):
-    """What the legs do."""
+    """The support phase."""
 
     STAND = 0
     """Both feet carry the body at rest."""
@@ -74,7 +74,7 @@ class PhaseSpan(NamedTuple):
     """How long it lasts [s]."""
 
     phase: Phase
-    """What the legs do."""
+    """The support phase."""
 
     stance: Side
     """The foot that carries the base limb at its end."""
@@ -100,7 +100,7 @@ class Reference:
     """ZMP [m], shape (2,), world, on the ground."""
 
     phase: Phase
-    """What the legs do."""
+    """The support phase."""
 
     support: Side
     """Foot of the base limb: the stance foot; it changes in mid double support."""

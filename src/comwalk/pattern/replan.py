@@ -1,4 +1,4 @@
-"""Plan the phases that lie ahead while walking, as kernels on the table in use."""
+"""Replanning of the phases ahead while walking, as kernels on the table in use."""
 
 from __future__ import annotations
 
@@ -110,7 +110,7 @@ def replan(
 
 @kernel
 def kept_rows(table: np.ndarray, state: Record, command: Record, time: float) -> int:
-    """Return how many phases stay as they are, or 0 if nothing can change."""
+    """Return the number of phases to keep, or 0 if nothing can change."""
     kind, count = table[0].kind, state.rows
     if kind == STAND:
         return 2 if command.walk or command.given else 0
@@ -288,7 +288,7 @@ def is_walkable(feet: np.ndarray, foot: int, at: np.ndarray, command: Record) ->
 def sole_gap(
     dx: float, dy: float, yaw_0: float, yaw_1: float, length: float, width: float
 ) -> float:
-    """Return how far two soles are apart along their best separating axis [m].
+    """Return the gap of two soles along their best separating axis [m].
 
     Args:
         dx: From the one to the other, world [m].

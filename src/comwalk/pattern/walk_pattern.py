@@ -138,7 +138,7 @@ class Pattern:
         return self._hull(self._phase_at(time))
 
     def hull_margin(self, times: np.ndarray | Sequence[float] | float) -> np.ndarray:
-        """Return how deep the desired ZMP lies in the hull of the soles.
+        """Return the margin of the desired ZMP in the hull of the soles.
 
         Args:
             times: Times [s], as for `at`.
@@ -153,7 +153,7 @@ class Pattern:
         return np.array([polygon_margin(hulls[k], zmp) for k, zmp in pairs])
 
     def zmp_residual(self, times: np.ndarray | Sequence[float] | float) -> float:
-        """Return how well ZMP and CoM fit together, Eqs. (1), (2) and (29).
+        """Return the residual of Eqs. (1), (2) and (29) between ZMP and CoM.
 
         Args:
             times: Times [s], as for `at`.

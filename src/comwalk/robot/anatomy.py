@@ -1,4 +1,4 @@
-"""What is what in a humanoid model: legs, arms, torso, head, forward axis.
+"""Find limbs, torso, head and forward axis in a humanoid model.
 
 Nothing is read from names. The model is looked at in its zero posture, z up: the two
 limbs that reach the ground are the legs, the toes of their soles tell what is forward;
@@ -163,7 +163,7 @@ def _coupled(
 def _notes(
     parts: Mapping[str, tuple[str, ...]], soles: Mapping[Side, Sole]
 ) -> list[str]:
-    """Return what a user should know of limbs and soles."""
+    """Return notes on limbs and soles for the user."""
     notes = []
     for side in Side:
         count = len(parts[f"{side} leg"])
@@ -240,7 +240,7 @@ def _low_ends(zero: Skeleton) -> list[int]:
 
 
 def _disjoint(chains: Sequence[Joints]) -> list[list[int]]:
-    """Return which chains share joints, as groups of their indices."""
+    """Return groups of chains that share joints, by their indices."""
     groups: list[tuple[set[int], list[int]]] = []
     for k, chain in enumerate(chains):
         joined = [g for g in groups if g[0] & set(chain)]
@@ -353,7 +353,7 @@ def _find_forward(
 
 
 def _toes(points: np.ndarray, f: np.ndarray) -> float:
-    """Return where the middle of a sole is along f, from the ankle; 0 if unclear."""
+    """Return the middle of a sole along f, from the ankle; 0 if unclear."""
     along, across = points @ f, points @ [-f[1], f[0]]
     length, width = np.ptp(along), np.ptp(across)
     middle = 0.5 * float(along.min() + along.max())
@@ -475,7 +475,7 @@ def _highest(
 
 
 def _limb(zero: Skeleton, chains: Sequence[Joints]) -> Joints:
-    """Return what the chains of one limb have in common: the limb without its hand.
+    """Return the common part of a limb's chains: the limb without its hand.
 
     Of several limbs on one side the heaviest counts.
     """

@@ -179,7 +179,7 @@ _LEAST_SHARE = 0.6  # of a joint's axis along that of its role
 def find_roles(
     model: mujoco.MjModel, q: np.ndarray, anatomy: Anatomy
 ) -> dict[str, Role]:
-    """Return which joint does what, as dances call it, at a standing posture.
+    """Return the roles of joints, as dances name them, at a standing posture.
 
     A pitch turns about y (left), a roll about x (forward), a yaw about z (up).
 
@@ -218,7 +218,7 @@ def _turning(
     part: str,
     wanted: Sequence[str] = tuple(_AXES),
 ) -> dict[str, Role]:
-    """Return which of some joints turns about which axis, each for one at most."""
+    """Assign joints to axes, each to one at most."""
     if not joints:
         return {}
     shares = posture.axes(joints)[:, [_AXES[name] for name in wanted]]

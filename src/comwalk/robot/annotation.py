@@ -194,7 +194,7 @@ def _drop_what_drives(spec: mujoco.MjSpec) -> None:
 
 
 def _mute(spec: mujoco.MjSpec) -> None:
-    """Let nothing collide: the soles, which come later, are all that does."""
+    """Disable all collisions; the soles, added later, are the only contacts."""
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = 0, 0
     for pair in list(spec.pairs):
@@ -202,7 +202,7 @@ def _mute(spec: mujoco.MjSpec) -> None:
 
 
 def couple_in_physics(spec: mujoco.MjSpec, mimics: Iterable[Mimic]) -> None:
-    """Let joints follow others in the simulator, too.
+    """Couple followers to their leaders in the simulator.
 
     Args:
         spec: The model, changed in place.

@@ -168,7 +168,7 @@ def can_resolve(robot: Robot, flat: Flat) -> bool:
 
 
 def _hangs_free(limb: Limb, record: np.void, own: set[int]) -> bool:
-    """Return whether a limb's end can be solved for once all given rates are known."""
+    """Return whether a limb's end can be solved once all given rates are known."""
     carriers = record["chain"][record["own"] : record["chain_length"]] - 1
     enough = len(limb.joints) >= int(record["rows"]).bit_count()
     return bool(record["site"] >= 0 and enough and not own & {*carriers.tolist()})
@@ -178,7 +178,7 @@ _WORKERS = 16  # workspaces: more than there are cores, so that all have work to
 
 
 class Tasks(NamedTuple):
-    """What is asked of n robots; each as in `FastResolver`."""
+    """Tasks of n robots; each as in `FastResolver`."""
 
     com_velocity: np.ndarray
     """Wanted CoM velocities [m/s], world, (n, 3)."""

@@ -19,7 +19,7 @@ from .model import Robot
 
 
 class Load(NamedTuple):
-    """What a motion asks of the robot at one time."""
+    """Joint torques and ZMP of a motion at one time."""
 
     torques: np.ndarray
     """Torques of the servos [N m], of shape (joints,)."""

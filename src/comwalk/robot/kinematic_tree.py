@@ -1,4 +1,4 @@
-"""A model as anatomy looks at it: chains of joints, their places and axes, masses."""
+"""The kinematic tree of a model: chains of joints, their anchors, axes and masses."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Skeleton:
         return self.data.xmat[body].reshape(3, 3)
 
     def anchors(self, joints: Sequence[int]) -> np.ndarray:
-        """Return where joints are [m], world, (n, 3)."""
+        """Return the anchors of joints [m], world, (n, 3)."""
         return self.data.xanchor[list(joints)]
 
     def axes(self, joints: Sequence[int]) -> np.ndarray:
@@ -122,7 +122,7 @@ def zero_posture(
 
 
 def middle_joint(anchors: np.ndarray, axes: np.ndarray, end: np.ndarray) -> int:
-    """Return which joint of a limb bends it in the middle: its knee or elbow.
+    """Return the joint that bends a limb in the middle: its knee or elbow.
 
     Args:
         anchors: Places of the joints [m], of shape (n, 3).

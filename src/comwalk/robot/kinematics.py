@@ -63,7 +63,7 @@ class Kinematics:
         return self._com
 
     def sites(self, indices: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return where frames are after the last `update`.
+        """Return the poses of frames after the last `update`.
 
         Args:
             indices: Indices of k sites.

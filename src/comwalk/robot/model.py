@@ -175,7 +175,7 @@ class Robot:
 
     @property
     def joint_limits(self) -> dict[str, JointLimit]:
-        """What each joint can do, by joint."""
+        """Limits by joint."""
         columns = (self.lower.tolist(), self.upper.tolist(), self.speed.tolist())
         rows = zip(self.joints, *columns, strict=True)
         return {name: JointLimit(*limits) for name, *limits in rows}

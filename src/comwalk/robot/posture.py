@@ -48,7 +48,7 @@ CoM's x and the hips' height, as rows of `_Seeker._rows`."""
 
 @dataclass(frozen=True, eq=False)
 class Limbs:
-    """What a posture is sought for: joints as indices into the model's."""
+    """The limbs of a posture search: joints as indices into the model's."""
 
     legs: Mapping[Side, Sequence[int]]
     """Joints of the legs, base first."""
@@ -150,7 +150,7 @@ class _Seeker:
     # ---- Arms ----
 
     def hang_arms(self) -> None:
-        """Let the arms hang: upper arm down and out, forearm down and forward."""
+        """Pose hanging arms: upper arm down and out, forearm down and forward."""
         look = Skeleton(self.model, self.data, "")
         for side, joints in self.limbs.arms.items():
             tip = self.data.site_xpos[self.limbs.hands[side]]
@@ -307,7 +307,7 @@ class _Seeker:
         self._update()
 
     def _sigma(self, side: Side) -> float:
-        """Return how far a leg is from its singular postures."""
+        """Return the smallest singular value of a leg's Jacobian."""
         J = self._jacobian(self.limbs.soles[side])
         J = J[:, self.model.jnt_dofadr[list(self.limbs.legs[side])]]
         J[:3] /= self.length

@@ -1,4 +1,4 @@
-"""Profiles: TOML files that tell what cannot be seen in a robot's own file.
+"""Profiles: TOML files with what a robot's own file does not say.
 
 Whatever comwalk finds out about a robot, a profile may say otherwise, and a profile can
 be written that says all of it. Angles are in rad, but `forward` is in degrees.
@@ -22,7 +22,7 @@ from ..sides import Side
 
 @dataclass(frozen=True, kw_only=True)
 class Stance:
-    """How a robot is to stand; what is None is found."""
+    """The stance of a robot; None is searched for."""
 
     bend: float | None = setting(
         None,
@@ -50,7 +50,7 @@ class Stance:
 
 @dataclass(frozen=True, kw_only=True)
 class SoleNumbers:
-    """Numbers of one sole; what is None is found."""
+    """Dimensions of one sole; None is found from the model."""
 
     length: float | None = setting(None, "Length", "m", "[1e-3, 10]")
     width: float | None = setting(None, "Width", "m", "[1e-3, 10]")
@@ -75,7 +75,7 @@ class SoleNumbers:
 
 @dataclass(frozen=True)
 class ServoGains:
-    """Gains of one joint's position servo; what is None is designed."""
+    """Gains of one joint's position servo; None is designed."""
 
     stiffness: float | None = setting(
         None, "Position gain, of a slide in N/m", "N m/rad", "[1e-6, 1e9]"
@@ -95,7 +95,7 @@ class ServoGains:
 
 @dataclass(frozen=True, kw_only=True)
 class Limits:
-    """Limits of one joint; what is None is the file's."""
+    """Limits of one joint; None keeps the file's."""
 
     lower: float | None = setting(
         None, "Lower limit, of a slide in m", "rad", "[-100, 100]"
@@ -126,7 +126,7 @@ class Limits:
 
 @dataclass(frozen=True, kw_only=True)
 class Profile:
-    """What is known of a robot; what is None or missing is found."""
+    """What a user knows of a robot; anything left out is found."""
 
     forward: float | None = setting(
         None,

@@ -1,4 +1,4 @@
-"""Whether the links of a robot meet: distances of geoms of links that are apart.
+"""Self-collision: distances between geoms of links that are not adjacent.
 
 Links near each other in the tree overlap in most models, and so do links that touch in
 the home posture; such pairs are left out. Where most links have geoms that collide,

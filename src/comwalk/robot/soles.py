@@ -1,4 +1,4 @@
-"""The sole of a foot: the largest flat face that looks down, from whatever there is.
+"""The sole of a foot: its largest flat face that points down.
 
 Collision shapes count first, then what is only seen. A foot without any shape gets a
 sole of usual proportions.
@@ -69,7 +69,7 @@ class Sole:
 
 @dataclass(frozen=True, eq=False)
 class Face:
-    """What a sole is made of."""
+    """The surface that a sole is made of."""
 
     points: np.ndarray
     """Points on the largest flat face that looks down [m], world, of shape (n, 3)."""

@@ -1,4 +1,4 @@
-"""What a run leaves behind: columns, summary, saved folder, ROS 2 messages, exports."""
+"""The log of a run: columns, summary, saved folder, ROS 2 messages, exports."""
 
 from typing import TYPE_CHECKING
 

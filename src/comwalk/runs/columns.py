@@ -1,4 +1,4 @@
-"""The record of a run: one row per control period, and what it amounts to."""
+"""Columns of a run: one row per control period."""
 
 from __future__ import annotations
 
@@ -68,7 +68,7 @@ class Log:
         return self.table
 
     def grow(self, rows: int) -> None:
-        """Tell how many rows there are in the table.
+        """Set the number of rows in the table.
 
         Args:
             rows: Number of rows written.
@@ -247,7 +247,7 @@ def save_columns(path: Path, columns: Columns) -> None:
 
 
 def _places(column: np.ndarray, source: np.ndarray) -> np.ndarray | None:
-    """Return which columns of a source a column repeats; None if it does not."""
+    """Return the columns of a source that a column repeats; None if it does not."""
     rows, wanted = len(column), column.reshape(len(column), -1)
     known = {c.tobytes(): k for k, c in enumerate(source.reshape(rows, -1).T)}
     places = [known.get(c.tobytes(), -1) for c in wanted.T]

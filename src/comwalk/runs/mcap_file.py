@@ -155,7 +155,7 @@ def qos(latched: bool) -> str:
 
 
 class TopicFacts(NamedTuple):
-    """What a file holds of a topic."""
+    """Contents of a topic."""
 
     topic: str
     """Its name."""
@@ -179,12 +179,12 @@ class TopicFacts(NamedTuple):
 
 @dataclass(frozen=True)
 class LogFacts:
-    """What a file holds."""
+    """Contents of a file."""
 
     topics: tuple[TopicFacts, ...]
     """All topics that have messages, in the order of the file."""
     settings: dict[str, Any]
-    """What the run was made with."""
+    """The settings of the run."""
     outcome: str | None
     """How it ended; None if it was killed."""
 
@@ -200,7 +200,7 @@ class LogFacts:
 
 
 def inspect(path: Path) -> LogFacts:
-    """Return what an MCAP file of a run holds.
+    """Return the contents of a run's MCAP file.
 
     Args:
         path: The file.

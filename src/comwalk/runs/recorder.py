@@ -204,7 +204,7 @@ def log_path(run: str | Path) -> Path:
 
 
 def origin(folder: Path) -> tuple[Robot | None, dict[str, Any], str | None]:
-    """Return what a saved run was made with, and how it ended.
+    """Return robot, settings and outcome of a saved run.
 
     Args:
         folder: Folder of the run.

@@ -1,4 +1,4 @@
-"""ROS 2 messages as bytes: the types that a log holds, their text, their layout.
+"""ROS 2 messages as bytes: types, definitions and layouts.
 
 A message is CDR in little endian: four bytes that say so, then the fields in order,
 each aligned to its own size. Messages of one topic differ in numbers alone, as long as
@@ -116,7 +116,7 @@ def definition(kind: str) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the numbers of a message are in its bytes."""
+    """Offsets of the numbers in a message's bytes."""
 
     kind: str
     """Type of the message."""

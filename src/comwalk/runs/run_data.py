@@ -1,4 +1,4 @@
-"""What views take of a run: summary, columns, model and plan, by whichever way."""
+"""Run data: summary, columns, model and plan, from memory or from a folder."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .columns import load_columns
 
 
 class Moment(NamedTuple):
-    """What there is to see at one time; all in world axes."""
+    """The visible state at one time, world."""
 
     time: float
     """Time [s]."""
@@ -57,7 +57,7 @@ class RunData:
 
     @property
     def settings(self) -> Mapping[str, Any]:
-        """What the run was made with."""
+        """The settings of the run."""
         return self.summary["settings"]
 
     @property
@@ -110,7 +110,7 @@ class RunData:
         return np.minimum(np.searchsorted(self.t, times - 1e-9), len(self.t) - 1)
 
     def moment(self, row: int) -> Moment:
-        """Return what there is to see in a row.
+        """Return the visible state of a row.
 
         Args:
             row: Which.
@@ -136,7 +136,7 @@ class Run(Protocol):
 
     @property
     def data(self) -> RunData:
-        """What views take of it."""
+        """The run as views take it."""
         ...
 
 
@@ -147,7 +147,7 @@ Source = Run | str | Path
 def data_of(
     source: Source | RunData, name: str | None = None, *, whole: bool = True
 ) -> RunData:
-    """Return what views take of a run.
+    """Return the data of a run.
 
     Args:
         source: The run, or its folder.

@@ -1,4 +1,4 @@
-"""The figures of a run: what a log amounts to."""
+"""Summary of a run: its figures, with units in their names."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def summarize(
 
 
 def outcome_text(summary: Mapping[str, Any]) -> str:
-    """Return how a run ended, in the words of its `Outcome`.
+    """Return the outcome of a run as text, as `Outcome` has it.
 
     Args:
         summary: The summary of the run.
@@ -89,7 +89,7 @@ def outcome_text(summary: Mapping[str, Any]) -> str:
 
 
 def dance_figures(log: Log) -> dict[str, Any]:
-    """Return how far CoM and ZMP leave their place in a dance, as in Fig. 6.
+    """Return the largest offsets of CoM and ZMP in a dance, as in Fig. 6.
 
     Args:
         log: The record of a run whose feet stay where they are.
@@ -143,7 +143,7 @@ def _largest_use(name: str, shares: np.ndarray, robot: Robot) -> dict[str, Any]:
 
 
 def sole_margins(log: Log, robot: Robot) -> np.ndarray:
-    """Return how far inside the stance sole the centre of pressure stays.
+    """Return the margins of the centre of pressure in the stance sole.
 
     It is the one that the stance foot's own ankle sensor feels, without noise and
     delay, in single support, while that foot alone bears the robot: until the other

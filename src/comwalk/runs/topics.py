@@ -1,4 +1,4 @@
-"""What a log says on which topic: from columns of a run to ROS 2 messages.
+"""ROS 2 topics of a run, and how its columns become messages.
 
 Frames follow REP-105 and REP-120: points in `odom`, wrenches in `l_sole` and `r_sole`,
 links under their own names. Quaternions are xyzw here, and wxyz everywhere else.
@@ -42,7 +42,7 @@ class Stream:
     """What the numbers of a field are called."""
 
     def names(self, name: str) -> list[str]:
-        """Return what the numbers of a field are called in tables.
+        """Return the names of a field's numbers in tables.
 
         Args:
             name: The field.
@@ -133,7 +133,7 @@ def _points(topic: str, column: str) -> Stream:
 
 
 def _joint_states(robot: Robot, torques: str | None) -> Stream:
-    """Return what encoders and servos say."""
+    """Return the joint states: encoders and servo torques."""
     zero, columns = np.zeros(len(robot.joints)), {"position": "joints"}
     columns |= {"velocity": "joint_rates"} | ({"effort": torques} if torques else {})
     example = {"name": robot.joints, **dict.fromkeys(columns, zero)}
@@ -157,7 +157,7 @@ def _joint_commands(robot: Robot) -> Stream:
 
 
 def _wrench(robot: Robot, side: Side) -> Stream:
-    """Return what an ankle sensor feels, about the origin of the sole's frame."""
+    """Return an ankle wrench about the origin of the sole's frame."""
     letter, k = side.value[0], list(Side).index(side)
     frame = f"{letter}_sole"
     kinematics = Kinematics(robot)
@@ -176,7 +176,7 @@ def _wrench(robot: Robot, side: Side) -> Stream:
 
 
 def _imu() -> Stream:
-    """Return what the IMU of the trunk says, in its own frame."""
+    """Return the readings of the trunk's IMU, in its own frame."""
     return Stream(
         "/imu",
         layout_of("sensor_msgs/Imu", {"header": _header("imu")}),
@@ -192,7 +192,7 @@ def _imu() -> Stream:
 
 
 def _transforms(robot: Robot) -> Stream:
-    """Return where each link is, seen from its parent; the base seen from the world."""
+    """Return the pose of each link in its parent, of the base in the world."""
     model, data = robot.model, mujoco.MjData(robot.model)
     names, bodies = [WORLD, *link_names(model)[1:]], np.arange(1, model.nbody)
     parents = model.body_parentid[bodies]

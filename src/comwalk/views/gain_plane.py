@@ -1,4 +1,4 @@
-"""The picture of a certificate: the plane of both gains, and who is where in it.
+"""The picture of a certificate: stability region in the plane of both gains.
 
 Both gains are divided by omega_n, so that all conditions of the ideal loop look the
 same for every robot. The region of the sampled loop is this robot's own.

@@ -1,4 +1,4 @@
-"""What a robot looks like: triangles by body and colour, for pages in a browser.
+"""Shapes of a robot: triangles by body and colour, for pages in a browser.
 
 Meshes with more triangles than a page needs are made coarser: of all vertices in a cell
 of a fine lattice, their mean is left.
@@ -48,7 +48,7 @@ class Shape(NamedTuple):
 
 
 def shapes_of(model: mujoco.MjModel) -> list[Shape]:
-    """Return what is to be seen of a model.
+    """Return the visible shapes of a model.
 
     A robot without visual shapes shows those that it touches with. Planes and height
     fields are left out.

@@ -1,4 +1,4 @@
-"""How MuJoCo draws without a window: EGL, else OSMesa.
+"""MuJoCo's OpenGL back end without a window: EGL, else OSMesa.
 
 MuJoCo reads MUJOCO_GL when it is first imported, and a value whose library is missing
 makes that import fail. So this module imports nothing heavy, and a program calls
@@ -27,7 +27,7 @@ class RenderError(ComwalkError, RuntimeError):
 
 
 def choose_backend() -> str:
-    """Choose how MuJoCo draws, and tell it by MUJOCO_GL before it is imported.
+    """Choose MuJoCo's OpenGL back end by MUJOCO_GL, before it is imported.
 
     What the user set is kept if it can work. Otherwise EGL is chosen if its library
     loads, else OSMesa, else what MuJoCo does by itself, which needs a display. Only

@@ -109,7 +109,7 @@ def _ended(record: RunData) -> str:
 
 
 def _what(record: RunData) -> str:
-    """Return what was done, in words."""
+    """Return the task in words."""
     robot = record.settings.get("robot")
     who = f"robot {robot}" if robot else "simplified model"
     steps = record.summary["steps_planned"]
@@ -119,7 +119,7 @@ def _what(record: RunData) -> str:
 
 
 def _scenes(records: Sequence[RunData], films: Sequence[bytes | None]) -> str:
-    """Return where the replays go."""
+    """Return the elements that hold the replays."""
     shown = []
     for k, (record, film) in enumerate(zip(records, films, strict=True)):
         name = f"{'AB'[k]}: {record.name}" if len(records) > 1 else record.name
@@ -151,7 +151,7 @@ def _cards(record: RunData) -> str:
 
 
 def _changes(records: Sequence[RunData]) -> str:
-    """Return what two runs were made with differently."""
+    """Return the settings in which two runs differ."""
     if len(records) < 2:
         return ""
     a, b = records
@@ -160,7 +160,7 @@ def _changes(records: Sequence[RunData]) -> str:
 
 
 def _repeat(record: RunData, both: bool) -> str:
-    """Return how to get the run again: by its command, or by this page alone."""
+    """Return the means to repeat the run: its command, or this page alone."""
     label = f"<h3>{escape(record.name)}</h3>" if both else ""
     command = record.settings.get("command")
     if not command:
@@ -205,7 +205,7 @@ def _footer(record: RunData) -> str:
 
 
 def notebook_html(record: RunData) -> str:
-    """Return what a notebook shows of a run: outcome, figures over time, summary.
+    """Return a run as a notebook shows it: outcome, figures over time, summary.
 
     Args:
         record: The run.

@@ -1,4 +1,4 @@
-"""The server of a page in the browser: where it listens, and what stands in its way."""
+"""The server of a page in the browser, and its errors."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ HOST, PORT = "127.0.0.1", 8080
 
 
 class Address(NamedTuple):
-    """Where a page is served."""
+    """The address of a page."""
 
     host: str = HOST
     """Address to listen at."""

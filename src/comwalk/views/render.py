@@ -85,7 +85,7 @@ class _Print(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class _Recording:
-    """What there is to see."""
+    """The data of a picture."""
 
     model: mujoco.MjModel
     t: np.ndarray  # [s], (n,)
@@ -258,7 +258,7 @@ def _write(
 
 
 def _recording(source: Source) -> _Recording:
-    """Return what there is to see of a run or of its folder."""
+    """Return the data of pictures of a run or of its folder."""
     run = seen_of(source, geometry=True)
     model, columns = scene_of(run), run.columns
     return _Recording(
@@ -276,7 +276,7 @@ def _recording(source: Source) -> _Recording:
 def _footprints(
     model: mujoco.MjModel, qpos: np.ndarray, t: np.ndarray, phase: np.ndarray
 ) -> tuple[_Print, ...]:
-    """Return where the soles stood, and when."""
+    """Return the footprints, with their times."""
     data = mujoco.MjData(model)
     prints = []
     swings = {Side.LEFT: Phase.SINGLE_RIGHT, Side.RIGHT: Phase.SINGLE_LEFT}
@@ -387,7 +387,7 @@ def _shrunk(picture: np.ndarray, factor: int) -> np.ndarray:
 
 
 def _height(model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray) -> float:
-    """Return how tall the robot stands [m]."""
+    """Return the height of the standing robot [m]."""
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
     moving = model.geom_bodyid > 0

@@ -1,4 +1,4 @@
-"""The figures of a run, or of two in one another, as HTML: Figs. 6 and 7 and more."""
+"""Figures of one run, or of two runs overlaid, as HTML: Figs. 6 and 7 and more."""
 
 from __future__ import annotations
 
@@ -159,7 +159,7 @@ def _column(name: str, i: int) -> Column:
 
 
 def _zmp_error(i: int) -> Column:
-    """Return what tells the error of the ZMP, both filtered alike [mm]."""
+    """Return the column of the ZMP error, both filtered alike [mm]."""
     return lambda record: (
         1e3
         * (
@@ -170,17 +170,17 @@ def _zmp_error(i: int) -> Column:
 
 
 def _com_error(i: int) -> Column:
-    """Return what tells the error of the CoM [mm]."""
+    """Return the column of the CoM error [mm]."""
     return lambda record: 1e3 * (record.columns["com_ref"] - record.com)[:, i]
 
 
 def _load(k: int) -> Column:
-    """Return what tells the force on a foot [N]."""
+    """Return the column of the force on a foot [N]."""
     return lambda record: record.columns["loads_true"][:, k]
 
 
 def _law(i: int) -> Column:
-    """Return what tells the law's output [m/s]."""
+    """Return the column of the law's output [m/s]."""
     return lambda record: record.columns["u"][:, i] if "u" in record.columns else None
 
 

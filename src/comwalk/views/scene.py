@@ -405,7 +405,7 @@ def scene_film(
     opacity: float = SEEN_THROUGH,
     progress: Callable[[float], None] | None = None,
 ) -> bytes:
-    """Return what `scene_page` plays, in viser's own format, for pages of one's own.
+    """Return a recorded scene in viser's own format, for pages of one's own.
 
     Args:
         run: The record.

@@ -1,4 +1,4 @@
-"""What of a run can be shown in 3-D: the scene, with meshes, and its soles."""
+"""The scene of a run for 3-D views, with meshes and soles."""
 
 from __future__ import annotations
 

@@ -227,7 +227,7 @@ def settings_tables(summary: Summary) -> str:
 
 
 def changed_settings(first: Summary, second: Summary, names: Sequence[str]) -> str:
-    """Return what two runs were made with differently, as a table.
+    """Return the settings in which two runs differ, as a table.
 
     Args:
         first: The summary of a run.

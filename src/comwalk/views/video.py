@@ -1,4 +1,4 @@
-"""Films as MP4, by PyAV, which the extra `video` brings."""
+"""Films as MP4, written by PyAV (extra `video`)."""
 
 from __future__ import annotations
 

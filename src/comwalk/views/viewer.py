@@ -53,7 +53,7 @@ def open_page(host: str, port: int) -> Generator[viser.ViserServer]:
 
 
 def address_of(server: viser.ViserServer) -> str:
-    """Return where a browser finds a page.
+    """Return the address of a page.
 
     Args:
         server: Its server.
@@ -246,7 +246,7 @@ class Player:
 
 
 def status_of(moment: Moment, step: int) -> str:
-    """Return where a walk is, in one line.
+    """Return the status of a walk on one line.
 
     Args:
         moment: What there is to see.

@@ -1,4 +1,4 @@
-"""Where the soles stand, how they lie, and how they meet uneven ground.
+"""Foot contact: sole poses, tilt, touchdown compliance and edge recovery.
 
 The plan assumes level soles at planned places. The records of the body keep what
 differs: dead reckoning by the encoders says where a foot came down, the IMU how a sole
@@ -68,7 +68,7 @@ def untilt(R: Record, x: float, y: float, out: Record) -> None:
 
 @kernel
 def foothold(state: Record, reference: Record, k: int) -> tuple[float, float, float]:
-    """Return where sole k stands: x [m], y [m], yaw [rad]."""
+    """Return the foothold of sole k: x [m], y [m], yaw [rad]."""
     foot, away = reference.feet[k], state.offsets[k]
     x, y = foot.position[0], foot.position[1]
     return x + away[0], y + away[1], foot.yaw + away[2]
@@ -169,7 +169,7 @@ def _comply(
     swings: bool,
     surplus: float,
 ) -> None:
-    """Let foot k yield by the share of the weight that it bears too much."""
+    """Apply the touchdown compliance: foot k yields to its excess load."""
     dt, h = rules.period, state.heights[k]
     rising = reference.feet[k].velocity[2] > 0.0
     if rules.landing == 0.0:

@@ -65,7 +65,7 @@ def _ground_force(
 
 @kernel
 def _find_com(flat: Flat, state: Record, origin: Record) -> None:
-    """Find the CoM that the encoders tell, over the supporting sole."""
+    """Find the CoM from the encoders, over the supporting sole."""
     x = y = z = 0.0
     for k in range(len(flat.links)):
         m = flat.links[k].moment

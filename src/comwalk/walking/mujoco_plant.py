@@ -24,7 +24,7 @@ from .terrain import CELL, Terrain, random_terrain
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Truth:
-    """What only the simulator knows; for the log, never for the controller."""
+    """Ground truth of the simulator; for the log, never for the controller."""
 
     com: np.ndarray
     """CoM [m], world, of shape (3,)."""
@@ -110,7 +110,7 @@ class SimulatedRobot:
         self._tick = 0
 
     def start(self, command: Command) -> Sensors:
-        """Let the robot come to rest under a first command; return the first reading.
+        """Settle the robot under a first command; return the first reading.
 
         What the settling leaves is the configuration alone, so that a replay from the
         first recorded state has nothing to guess.
@@ -249,7 +249,7 @@ class SimulatedRobot:
         return row
 
     def truth(self) -> Truth:
-        """Return what only the simulator knows, ground forces of the last period."""
+        """Return the ground truth, with the contact forces of the last period."""
         data = self.data
         # mj_step leaves positions one step behind qpos: compute the CoM anew.
         self.probe.qpos[:] = data.qpos
@@ -288,7 +288,7 @@ def _ankle_readings(model: mujoco.MjModel, side: Side) -> list[int]:
 
 
 def _sensor(model: mujoco.MjModel, name: str) -> slice:
-    """Return where a named sensor's reading stands in sensordata."""
+    """Return the place of a named sensor's reading in sensordata."""
     index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
     if index < 0:
         raise ModelError(

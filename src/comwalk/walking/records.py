@@ -1,4 +1,4 @@
-"""What the compiled control tick keeps and knows, as records of plain numbers.
+"""Records of the compiled control tick: parameters, state and log rows.
 
 Each is one of the objects of the readable loop: `RULES` its settings, `STATE` what
 `WholeBody`, `Footing`, `Weighing`, `WalkingController` and the guard remember, `JOINT`
@@ -140,7 +140,7 @@ ROW = np.dtype(
 
 
 def rules_of(robot: Robot, period: float, settings: BodySettings) -> np.ndarray:
-    """Return what a body is made with as one record of `RULES`.
+    """Return the parameters of a body as one record of `RULES`.
 
     Args:
         robot: The robot.
@@ -212,7 +212,7 @@ def dance_of(
 
 
 class SoleSensor(NamedTuple):
-    """How an ankle sensor is over its sole."""
+    """Pose of an ankle sensor over its sole."""
 
     turn: np.ndarray
     """Sensor axes to the sole's, for force and torque, (6, 6)."""
@@ -225,7 +225,7 @@ class SoleSensor(NamedTuple):
 
 
 def sole_sensor(robot: Robot, foot: Foot) -> SoleSensor:
-    """Return how a foot's sensor is over its sole.
+    """Return the pose of a foot's sensor over its sole.
 
     Args:
         robot: The robot.

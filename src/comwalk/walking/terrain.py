@@ -84,7 +84,7 @@ def _too_many(count: int) -> PlanError:
 def _touched(
     centers: np.ndarray, feet: np.ndarray, sole: tuple[float, float]
 ) -> np.ndarray:
-    """Return which cells are under the soles at the start, of shape (n,).
+    """Return the cells under the soles at the start, of shape (n,).
 
     A cell counts as touched if its circumscribed circle meets the sole.
     """

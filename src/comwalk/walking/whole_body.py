@@ -292,7 +292,7 @@ class WholeBody:
 
     @property
     def task(self) -> Task:
-        """What the last tick asked of the whole body."""
+        """The task of the last tick."""
         arrays = self.arrays
         support = LEGS[tuple(Side)[int(arrays.reference[0]["support"])]]
         motions: dict[str, CartesianMotion | JointMotion] = {}
@@ -317,7 +317,7 @@ class WholeBody:
         return RateLimits(lower, upper)
 
     def diagnostics(self) -> dict[str, float]:
-        """Return what the last resolution had to give up, to log.
+        """Return the losses of the last resolution, to log.
 
         Returns:
             `damped`: 1 near a singular posture; `limited`: number of joints held at
@@ -335,7 +335,7 @@ class WholeBody:
     def ticker(
         self, pattern: Walkable, controller: Controller, watch: Watch | None = None
     ) -> WholeBodyTicker:
-        """Return what measures, guards, controls and acts in one call, after `start`.
+        """Return the compiled control tick, after `start`.
 
         Args:
             pattern: CoM, ZMP and feet over time.
@@ -449,7 +449,7 @@ class WholeBodyTicker:
 
     @property
     def reference(self) -> Reference:
-        """What the plan asked for in the last period."""
+        """The reference of the last period."""
         return reference_of(self.arrays.reference[0])
 
     @property

@@ -42,7 +42,7 @@ _SIGNS = ((1, 1, -1, -1), (1, -1, -1, 1))  # of the taps in x and y, repeated
 
 @dataclass(frozen=True, kw_only=True)
 class Experiment:
-    """How a robot is shaken to learn how it answers."""
+    """Excitation of a standing robot for its identification."""
 
     amplitude: float = setting(
         0.2,
@@ -79,7 +79,7 @@ class Experiment:
 
 @dataclass(frozen=True, eq=False)
 class Excitation:
-    """The path of the commanded CoM, and what is where in it."""
+    """The path of the commanded CoM, with the places of its sweeps and taps."""
 
     path: np.ndarray
     """Commanded CoM from where it stands [m], at each tick, (n, 2)."""

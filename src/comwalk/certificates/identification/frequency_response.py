@@ -326,7 +326,7 @@ def fit_responses(
 
 
 def onset(times: np.ndarray, responses: np.ndarray) -> Estimate:
-    """Return when repeated responses to a step begin.
+    """Return the onset of repeated responses to a step.
 
     Before it there is noise alone, after it a curve of second degree; the time between
     at which both explain the mean best is the onset (a change point, least squares).

@@ -1,4 +1,4 @@
-"""What a robot's loop is like, found by shaking the standing robot.
+"""System identification of a robot's loop, by exciting the standing robot.
 
 `identify` works on any `Plant`: it needs neither a simulator nor a data sheet.
 """
@@ -47,7 +47,7 @@ class SensorNoise:
 
 @dataclass(frozen=True, eq=False)
 class Identified:
-    """What was learnt of a robot's loop."""
+    """The identified loop of a robot."""
 
     period: float
     """Control period [s]."""
@@ -116,7 +116,7 @@ def identify(
 
 
 class _Record:
-    """What was commanded and measured, one row a tick. Final."""
+    """Commanded and measured signals, one row a tick. Final."""
 
     def __init__(
         self,
@@ -153,7 +153,7 @@ class _Record:
 
 
 def _analyse(excitation: Excitation, record: _Record) -> Identified:
-    """Return what the record of an experiment tells."""
+    """Identify the loop from the record of an experiment."""
     dt = excitation.period
     dead_time = _dead_time(excitation, np.array(record.zmp))
     path, com, zmp = (
@@ -211,7 +211,7 @@ def _spread(sweeps: np.ndarray) -> np.ndarray:
 def _noise(
     excitation: Excitation, record: _Record, com: np.ndarray, zmp: np.ndarray
 ) -> SensorNoise:
-    """Return what differs from sweep to sweep."""
+    """Return the noise: the differences between sweeps."""
 
     def spread(rows: list[np.ndarray], part: slice = slice(None)) -> float:
         each = _spread(_sweeps(excitation, np.array(rows)))[..., part]
@@ -241,7 +241,7 @@ def _dead_time(excitation: Excitation, zmp: np.ndarray) -> Estimate:
 
 
 def _tap_onset(excitation: Excitation, zmp: np.ndarray, axis: int) -> Estimate:
-    """Return when the ZMP of one axis answers the taps."""
+    """Return the onset of the ZMP's response to the taps, one axis."""
     dt = excitation.period
     back, ahead = round(_LOOK_BACK / dt), round(_LOOK_AHEAD / dt)
     rows = np.stack([zmp[k - back : k + ahead] for k in excitation.taps])

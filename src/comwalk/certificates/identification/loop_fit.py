@@ -25,7 +25,7 @@ _RIGID_BAND = 10.0  # to this frequency without a mode [Hz]
 
 @dataclass(frozen=True)
 class MeasuredMargin:
-    """How much more delay a measured loop bears."""
+    """Delay margin of a measured loop."""
 
     stable: bool
     """Whether the loop is stable as it is."""
@@ -39,7 +39,7 @@ class MeasuredMargin:
 def measured_margin(
     fit: ResponseFit, k_p: float, k_c: float, cutoff: float | None
 ) -> MeasuredMargin:
-    """Return how much more delay the loop of Eq. (31) bears on a measured response.
+    """Return the delay margin of the loop of Eq. (31) on a measured response.
 
     Nothing is known beyond the highest frequency that was measured: a loop gain that is
     not below 1 there counts as unstable.

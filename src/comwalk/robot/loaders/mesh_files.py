@@ -1,4 +1,4 @@
-"""Mesh files of a robot: where they are, and what is in them.
+"""Mesh files of a robot: search and vertices.
 
 MuJoCo is given binary STL. Everything else is converted to it once, split by color, and
 kept in the user's cache under a hash of its content.

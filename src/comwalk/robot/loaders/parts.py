@@ -1,4 +1,4 @@
-"""What a robot's model file holds, before anything is known about its anatomy."""
+"""Contents of a robot's model file, before its anatomy is known."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False)
 class LinkMesh:
-    """A mesh file that belongs to a body: where it is, not what is in it."""
+    """A mesh file of a body, with its pose and scale."""
 
     body: str
     """Name of the body."""
@@ -72,7 +72,7 @@ class ModelFile:
 
 
 def resolve_mimics(mimics: list[Mimic]) -> tuple[Mimic, ...]:
-    """Let each joint follow one that follows none: chains become direct.
+    """Resolve chains of followers: each joint follows a leader directly.
 
     Args:
         mimics: The rules as the file gives them, at most one for a joint.

@@ -1,4 +1,4 @@
-"""Which way is up in COLLADA meshes: what the file declares, if the masses agree.
+"""The up axis of COLLADA meshes: as the file declares it, if the masses agree.
 
 A .dae file says which of its axes points up. Most tools for robots ignore that, some do
 not, and robots are made with either in mind. Where meshes declare Y up, they are taken
@@ -59,7 +59,7 @@ def _turned(mesh: LinkMesh) -> LinkMesh:
 
 
 def _distance(mesh: LinkMesh, spec: mujoco.MjSpec) -> float:
-    """Return how far a mesh is from the CoM of its link, times the mass [kg m]."""
+    """Return the distance of a mesh from its link's CoM, times the mass [kg m]."""
     body = spec.body(mesh.body)
     try:
         points = mesh_vertices(mesh)

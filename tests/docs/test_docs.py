@@ -283,3 +283,20 @@ def test_the_page_of_settings_is_what_the_code_declares():
     """`python docs/make_settings.py` writes it."""
     made = runpy.run_path(str(ROOT / "docs" / "make_settings.py"))
     assert made["PAGE"].read_text(encoding="utf-8") == made["page"]()
+
+
+def test_rooms_that_are_named_exist():
+    """Pages and docstrings name files by `room.py` and `room.Thing`."""
+    places = (ROOT / folder for folder in ("src", "docs", "tests", "benchmarks"))
+    rooms = {path.stem for place in places for path in place.rglob("*.py")}
+    others = {"numba", "mujoco", "matplotlib", "numpy", "math", "gc", "comwalk"}
+    pages = [ROOT / "README.md", *(ROOT / "docs").glob("*.md")]
+    gone = set()
+    for path in [*pages, *(ROOT / "src").rglob("*.py")]:
+        text = path.read_text(encoding="utf-8")
+        files = re.findall(r"`(?:[\w/]+/)?(\w+)\.py`", text)
+        things = re.findall(r"`([a-z_]{2,})\.[A-Z]\w+`", text)
+        gone |= {(path.name, x) for x in [*files, *things]} - {
+            (path.name, x) for x in [*rooms, *others]
+        }
+    assert gone == set()

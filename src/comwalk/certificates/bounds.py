@@ -3,7 +3,7 @@ r"""Bounds on the errors of the ideal loop by Lyapunov functions, per axis.
 For all disturbances with :math:`|\epsilon| \le a` and :math:`|\dot\epsilon| \le b` the
 errors end inside these bounds, and once inside they stay. The paper's own function (37)
 needs k_p k_c < omega_n^2; the best quadratic function needs stability only. None is
-tight: `stability.worst_case` is, and the peak gains are for a bound on eps alone.
+tight: `largest_errors.worst_case` is, and the peak gains are for a bound on eps alone.
 """
 
 from __future__ import annotations
@@ -79,7 +79,7 @@ def paper_bound(
 
     Raises:
         ParameterError: If the proof of Theorem 1 does not hold for the gains
-            (`stability.proof_condition`), or a number is out of range.
+            (`ideal_loop.proof_condition`), or a number is out of range.
 
     Example:
         >>> bound = paper_bound(Pendulum(), 1.8, 3.8, 0.05, 0.5)

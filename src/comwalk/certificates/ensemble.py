@@ -177,7 +177,7 @@ def _errors(out: np.ndarray, k_p: np.ndarray) -> LargestErrors:
 def _coefficients(
     pendulum: Pendulum, k_p: np.ndarray, k_c: np.ndarray, dt: float
 ) -> np.ndarray:
-    """Return F, G_0, G_1 of `stability.ramp_step` and the row of e_p, (10, n)."""
+    """Return F, G_0, G_1 of `largest_errors.ramp_step` and the row of e_p, (10, n)."""
     pairs, which = np.unique(k_p + 1j * k_c, return_inverse=True)
     table = np.empty((10, len(pairs)))
     for i, (p, c) in enumerate(zip(pairs.real, pairs.imag, strict=True)):

@@ -168,7 +168,7 @@ def sine_disturbance(
 def sampled_disturbance(samples: np.ndarray, dt: float) -> Disturbance:
     """Return a disturbance that is linear between samples and constant outside them.
 
-    With the samples of `stability.worst_case` it is the worst there is.
+    With the samples of `largest_errors.worst_case` it is the worst there is.
 
     Args:
         samples: eps at times 0, dt, 2 dt, ... [m/s], of shape (n,) for both axes or

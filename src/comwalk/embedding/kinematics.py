@@ -1,6 +1,6 @@
 r"""Compiled kinematics and resolution on a robot's records, Eqs. (14)-(27).
 
-They are tested equal to `robot.Kinematics` and `resolver.Resolver`, which are the ones
+They are tested equal to `robot.Kinematics` and `solver.Resolver`, which are the ones
 to read first. As the trunk's rate is given, every limb with a given end is solved for
 in terms of the velocity of the body center,
 

@@ -1,6 +1,6 @@
 """Compiled exchange with MuJoCo: sensors out of its memory, set-points and rows in.
 
-`simulator.SimulatedRobot` and `log.Log` say what is read and kept and why; a test ties
+`mujoco_plant.SimulatedRobot` and `columns.Log` document the same quantities; a test ties
 the two.
 """
 
@@ -243,7 +243,7 @@ def command(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None
 
     Args:
         scene: Handle of `SceneArrays`.
-        tick: Handle of `tick_kernels.Arrays`.
+        tick: Handle of `tick.Arrays`.
         k: Which row.
         seconds: How long the tick took [s].
     """

@@ -1,6 +1,6 @@
 """Compiled exchange with MuJoCo: sensors out of its memory, set-points and rows in.
 
-`mujoco_plant.SimulatedRobot` and `columns.Log` document the same quantities; a test ties
+`mujoco_plant.SimulatedRobot` and `columns.Log` document the quantities; a test ties
 the two.
 """
 

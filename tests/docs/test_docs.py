@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import doctest
 import importlib
 import json
@@ -300,3 +301,21 @@ def test_rooms_that_are_named_exist():
             (path.name, x) for x in [*rooms, *others]
         }
     assert gone == set()
+
+
+def test_scripts_import_what_there_is():
+    """Pictures, tables and benchmarks are made of names that still exist."""
+    scripts = [
+        p for d in ("docs", "benchmarks", "examples") for p in (ROOT / d).glob("*.py")
+    ]
+    missing = []
+    for path in scripts:
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        for node in ast.walk(tree):
+            if (
+                isinstance(node, ast.ImportFrom)
+                and (node.module or "")[:7] == "comwalk"
+            ):
+                module = importlib.import_module(str(node.module))
+                missing += [a.name for a in node.names if not hasattr(module, a.name)]
+    assert missing == []

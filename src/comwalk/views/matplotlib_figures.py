@@ -20,7 +20,7 @@ from ..embedding import EmbeddedMotion
 from ..errors import RunError
 from ..runs import RunData, Source, data_of, outcome_text
 from .charts import Band, Chart
-from .run_charts import error_chart, motion_chart
+from .run_charts import error_chart, motion_chart, padded_span
 from .scene_data import scene_of
 
 DPI = 150
@@ -256,8 +256,10 @@ def _draw(ax: Axes, chart: Chart, rows: slice, begin: float, end: float) -> None
     for curve in chart.curves:
         style = _LINES[curve.kind]
         ax.plot(chart.t[rows], curve.values[rows], label=curve.label, **style)
-    if chart.span is not None and np.isfinite(chart.span).all():
-        ax.set_ylim(*chart.span)
+    planned = [c.values[rows] for c in chart.curves if c.kind.startswith("ref")]
+    span = padded_span(planned) if planned else chart.span
+    if span is not None and np.isfinite(span).all():
+        ax.set_ylim(*span)
 
 
 def _run_title(data: RunData) -> str:

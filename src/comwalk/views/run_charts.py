@@ -121,13 +121,25 @@ def motion_chart(records: Sequence[RunData], times: np.ndarray, i: int) -> Chart
         ("CoM, plan", "ref-com", _column("com_ref", i)),
     ]
     known = [record.columns[c][:, i] for record in records for c in _PLANNED]
-    low, high = min(x.min() for x in known), max(x.max() for x in known)
-    pad = 0.05 * (high - low) + 0.012
     title = f"CoM and ZMP, {_AXES[i]}"
-    return _chart(title, "m", records, times, lines, (low - pad, high + pad))
+    return _chart(title, "m", records, times, lines, padded_span(known))
 
 
 _PLANNED = ("zmp_ref", "com_ref")
+
+
+def padded_span(known: Sequence[np.ndarray]) -> tuple[float, float]:
+    """Return the range of some curves [m] with room for what is near them.
+
+    Args:
+        known: Their values, at least one.
+
+    Returns:
+        Lowest and highest value to show.
+    """
+    low, high = min(x.min() for x in known), max(x.max() for x in known)
+    pad = 0.05 * (high - low) + 0.012
+    return float(low - pad), float(high + pad)
 
 
 def error_chart(records: Sequence[RunData], times: np.ndarray, i: int) -> Chart:

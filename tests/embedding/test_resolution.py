@@ -7,6 +7,12 @@ import pytest
 from readable import rotation_log
 from robots import jvrc, paper, posture_of, random_configuration, random_task
 
+from comwalk.embedding.elimination import (
+    damped_inverse,
+    embed,
+    resolve_by_elimination,
+    sigma_min,
+)
 from comwalk.embedding.rotations import rotation_yaw, shift, skew
 from comwalk.embedding.solver import RateLimits, Resolver
 from comwalk.embedding.task import (
@@ -16,10 +22,6 @@ from comwalk.embedding.task import (
     Limb,
     Task,
     check_limbs,
-    damped_inverse,
-    embed,
-    resolve_by_elimination,
-    sigma_min,
 )
 from comwalk.errors import ModelError, ParameterError
 from comwalk.robot.kinematics import Kinematics

@@ -19,14 +19,13 @@ from comwalk.certificates.ideal_loop import error_dynamics, zmp_error_from_com
 from comwalk.control.gains import PAPER_GAINS
 from comwalk.control.law import ControlSettings, WalkingController, walking_control
 from comwalk.control.plant import PAPER_MASS, Command, PendulumPlant
+from comwalk.embedding.elimination import embed, resolve_by_elimination
 from comwalk.embedding.rotations import shift, skew
 from comwalk.embedding.task import (
     CartesianMotion,
     JointMotion,
     Task,
-    embed,
     motion_of,
-    resolve_by_elimination,
 )
 from comwalk.pattern.closed_form import transfer_zmp
 from comwalk.pattern.footsteps import PAPER_GAIT

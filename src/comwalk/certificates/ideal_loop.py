@@ -1,8 +1,8 @@
 """Stability of the walking controller, Eqs. (28) and (32) to (38), per axis.
 
 Every function looks at one axis (x or y) on its own: the axes do not couple. This is
-the paper's theory on the ideal model (30), with the exact facts beside it; `sampled`
-has the loop as it is sampled, filtered and delayed on a robot.
+the paper's theory on the ideal model (30), with the exact facts beside it;
+`sampled_loop` has the loop as it is sampled, filtered and delayed on a robot.
 
 The letters are the paper's: gains `k_p`, `k_c` [1/s] of the ZMP and of the CoM, errors
 `e_p`, `e_c` [m] (desired minus actual), disturbance `eps` [m/s] and its rate `eps_dot`

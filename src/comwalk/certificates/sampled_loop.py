@@ -2,8 +2,8 @@
 
 The paper's proof knows of none of these. A ZMP filter, a servo lag and a delay make the
 gains of Theorem 1 unstable or not: `spectral_radius` tells. The same loop is here as a
-matrix from tick to tick, and cut open at u as a frequency response; `margins` has what
-is read from the latter.
+matrix from tick to tick, and cut open at u as a frequency response, of which
+`stability_margins` makes margins.
 """
 
 from __future__ import annotations

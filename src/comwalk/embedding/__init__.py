@@ -9,6 +9,8 @@ if TYPE_CHECKING:
     from ..compiled import records as records
     from .dances import BUILTIN_MOTIONS as BUILTIN_MOTIONS
     from .dances import builtin_motion as builtin_motion
+    from .elimination import resolve_by_elimination as resolve_by_elimination
+    from .elimination import sigma_min as sigma_min
     from .kinematic_records import ANY_AXIS as ANY_AXIS
     from .kinematic_records import LIMB as LIMB
     from .kinematic_records import LINK as LINK
@@ -56,7 +58,5 @@ if TYPE_CHECKING:
     from .task import Resolution as Resolution
     from .task import Task as Task
     from .task import check_task as check_task
-    from .task import resolve_by_elimination as resolve_by_elimination
-    from .task import sigma_min as sigma_min
 
 __getattr__, __dir__ = exports_of(__name__, __file__)

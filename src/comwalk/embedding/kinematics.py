@@ -1,8 +1,9 @@
 r"""Compiled kinematics and resolution on a robot's records, Eqs. (14)-(27).
 
-They are tested equal to `robot.Kinematics` and `solver.Resolver`, which are the ones
-to read first. As the trunk's rate is given, every limb with a given end is solved for
-in terms of the velocity of the body center,
+`elimination.embed` writes Eqs. (26) and (27) out and is the one to read first; tests
+hold these kernels to it, to `robot.Kinematics` and to Pinocchio. As the trunk's rate is
+given, every limb with a given end is solved for in terms of the velocity of the body
+center,
 
 .. math:: \dot q_i = a_i + B_i v_o, \quad
     G_i = J_i^T (J_i J_i^T + \lambda^2 I)^{-1}

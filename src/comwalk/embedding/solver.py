@@ -1,6 +1,6 @@
 """The fast resolution: Eqs. (14)-(27) as one stacked system, within joint limits.
 
-It is tested equal to `resolution.resolve_by_elimination` wherever that applies.
+It is tested equal to `elimination.resolve_by_elimination` wherever that applies.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from scipy.linalg import get_lapack_funcs
 
+from .elimination import damped_inverse, resolve_by_elimination, sigma_min
 from .task import (
     CartesianMotion,
     Damping,
@@ -24,10 +25,7 @@ from .task import (
     Task,
     check_limbs,
     check_task,
-    damped_inverse,
     motion_of,
-    resolve_by_elimination,
-    sigma_min,
 )
 
 _gesv = get_lapack_funcs("gesv", dtype=np.float64)

@@ -1,4 +1,8 @@
-"""The paper's closed form of a regular walk, Eqs. (4)-(13): an oracle for tests."""
+"""The paper's closed form of a regular walk, Eqs. (4)-(13), with its coefficients.
+
+`comwalk pattern` prints them, and tests hold the pattern to them. A walk gets the same
+numbers from `phases`, which solves for any footsteps.
+"""
 
 from __future__ import annotations
 

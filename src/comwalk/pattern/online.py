@@ -11,7 +11,7 @@ now, the rest of a phase keeps its ZMP but for a constant
 over the time tau that is left of it, with u the CoM at its end. u and its velocity then
 obey :math:`v = v^{old} + \kappa (u - c^{old})` with
 :math:`\kappa = \omega_n \coth(\omega_n \tau / 2) > 0`, one more row of the tridiagonal
-system of `planning`, whose solution is the new plan. Nothing is known sooner by
+system of `phases`, whose solution is the new plan. Nothing is known sooner by
 planning later: as long as the footsteps stay, delta stays 0.
 
 A foot in the air lands where it was sent, and so does a weight that moves. In double

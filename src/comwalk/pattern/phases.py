@@ -1,9 +1,10 @@
 r"""From footsteps to a table of phases, as kernels: Eqs. (4)-(13).
 
-`pattern.make_pattern` derives what is computed here and is the reference. These kernels
-do the same on the rows of `rows`, fast enough to plan anew in every control period. A
-phase of known ends is a link between the positions of the CoM at its start and its end;
-continuous velocity makes all links one tridiagonal system, solved in one sweep.
+A phase of known ends is a link between the positions of the CoM at its start and its
+end; continuous velocity makes all links one tridiagonal system, solved in one sweep,
+fast enough to plan anew in every control period. For a regular walk the solution is the
+paper's: K_x and K_y of Eqs. (8) and (13), which `closed_form` writes out, are where the
+CoM is at the end of double support.
 """
 
 from __future__ import annotations

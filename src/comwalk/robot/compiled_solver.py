@@ -1,10 +1,8 @@
 """The compiled resolution: `Resolver` and `Kinematics` in a few microseconds.
 
-`resolution` and `resolver` say what is computed and why. This is the same on flat
-records without objects, tested equal to them; what it does not solve, it hands to
-them: postures near a leg's singular ones, and limbs of unusual build.
-
-Only where numba is installed; see `compiled`.
+`embedding.elimination` and `embedding.solver` say what is computed and why. This is the
+same on flat records, tested equal to them; it hands to them what it does not solve:
+postures near a leg's singular ones, and limbs of unusual build.
 """
 
 from __future__ import annotations

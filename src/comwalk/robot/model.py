@@ -1,8 +1,8 @@
 """A robot: its limbs, soles, limits and servos, from any humanoid, Eq. (14), (21).
 
 Frames have their REP-120 names (`l_sole`, `r_gripper`, `gaze`, ...), which a file gives
-or `marking` adds; limbs are the tree between them and the floating base. `Kinematics`
-turns a configuration into a `Posture` with MuJoCo's kinematics in C.
+or `annotation` adds; limbs are the tree between them and the floating base.
+`Kinematics` turns a configuration into a `Posture` with MuJoCo's kinematics in C.
 """
 
 from __future__ import annotations

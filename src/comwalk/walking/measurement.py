@@ -1,7 +1,7 @@
 """Compiled measurement: from encoders, ankle wrenches and IMU to CoM and ZMP.
 
-`whole_body.WholeBody.measure`, `footing`, `weighing` and `sensing` say what is computed
-and why; a test ties the two.
+Fig. 4's feedback: the CoM by kinematics over the supporting sole, the ZMP by
+`control.sensing`, the tilt of the soles by `foot_contact`.
 """
 
 from __future__ import annotations

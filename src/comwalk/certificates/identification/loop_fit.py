@@ -1,7 +1,7 @@
 r"""The walking controller's loop around a measured response, per axis.
 
-`margins` looks at the loop of a model: a servo, a dead time, a contact that yields.
-Here CoM and ZMP answer as they were measured to, compliance and all.
+`stability_margins` looks at the loop of a model: a servo, a dead time, a contact that
+yields. Here CoM and ZMP answer as they were measured to, compliance and all.
 """
 
 from __future__ import annotations

@@ -169,7 +169,7 @@ class Stage:
     def _move_bodies(self) -> None:
         """Move each body relative to its parent, if it moved there."""
         data, parents = self._data, self._model.body_parentid
-        poses, turn = np.empty_like(self._poses), np.empty(4)
+        poses, turn = np.zeros_like(self._poses), np.empty(4)
         for body in self._bodies:
             parent = parents[body]
             mujoco.mju_negQuat(turn, data.xquat[parent])

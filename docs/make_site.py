@@ -90,6 +90,7 @@ show_root_heading = false
 show_root_toc_entry = false
 show_signature_annotations = true
 show_source = true
+show_if_no_docstring = true
 docstring_section_style = "list"
 filters = ["!^_"]
 """

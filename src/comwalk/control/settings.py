@@ -69,6 +69,44 @@ class SimulatorSettings:
         "",
         "[0, 100]",
     )
+    encoder_zero: float = setting(
+        0.0,
+        "Standard deviation of the errors of the encoders' zeros, drawn once for a run",
+        "rad",
+        "[0, 0.05]",
+    )
+    encoder_step: float = setting(
+        0.0, "Resolution of the encoders; 0 is infinite", "rad", "[0, 0.05]"
+    )
+    imu_tilt: float = setting(
+        0.0,
+        "Angle by which the IMU is mounted askew, about a horizontal axis drawn once",
+        "rad",
+        "[0, 0.1]",
+    )
+    gyro_bias: float = setting(
+        0.0, "Standard deviation of the gyro's bias, drawn once", "rad/s", "[0, 0.2]"
+    )
+    command_delay: float = setting(
+        0.0,
+        "Age of set-points when the servos get them, rounded to control periods",
+        "s",
+        "[0, 0.2]",
+    )
+    joint_friction: float = setting(
+        0.0,
+        "Dry friction added to every joint, in N of a slide; the controller does not "
+        "know of it",
+        "N m",
+        "[0, 50]",
+    )
+    joint_damping: float = setting(
+        0.0,
+        "Viscous friction added to every joint, in N s/m of a slide; the controller "
+        "does not know of it",
+        "N m s/rad",
+        "[0, 50]",
+    )
     pushes: tuple[Push, ...] = field(default=())
     """Forces on the trunk."""
 

@@ -49,7 +49,7 @@ class MujocoLink:
         self._command = load(command, there, here, 0, 0.0)
         self._feel_step = load(feel_step, there, 0)
         self._sense = load(sense, there, here, 1)
-        self._ideal = not (plant.settings.noise or plant.settings.latency)
+        self._ideal = plant.sensors.is_perfect
 
     def write(self, k: int, sensors: Sensors | None, seconds: float) -> None:
         """Send the set-points of a period, and log its row.
@@ -65,6 +65,9 @@ class MujocoLink:
         if sensors is not None:
             self._take(sensors)
         self._command(self._there, self._here, k, seconds)
+        if plant.settings.command_delay:
+            plant.delay()
+            log.table[k]["ctrl"] = plant.data.ctrl
         body = self._ticker.body
         if body.resolution is not None:
             for name, value in body.diagnostics().items():

@@ -19,6 +19,7 @@ from ..errors import ModelError, ParameterError
 from ..pattern import FootstepPlan
 from ..robot import Robot
 from ..sides import Side
+from .sensor_model import SensorModel
 from .terrain import CELL, Terrain, random_terrain
 
 
@@ -80,7 +81,8 @@ class SimulatedRobot:
         self.data = mujoco.MjData(self.model)
         self.probe = mujoco.MjData(self.model)
         """Workspace for what must leave no trace in the run."""
-        self._rng = np.random.default_rng(seed)
+        self.sensors = SensorModel(self.settings, len(robot.joints), seed)
+        """What makes readings of the truth."""
         self._actuators = robot.servo.actuators
         self.imu = [_sensor(self.model, n) for n in ("imu_quat", "imu_gyro", "imu_acc")]
         """Where the IMU's readings stand in sensordata."""
@@ -90,6 +92,9 @@ class SimulatedRobot:
         """Bodies of the feet."""
         self._trunk = trunk_body(self.model)
         late = round(self.settings.latency / period)
+        self._sent: deque[np.ndarray] = deque(
+            maxlen=round(self.settings.command_delay / period) + 1
+        )
         self._readings: deque[Sensors] = deque(maxlen=late + 1)
         self.felt, self.ground = np.zeros((2, 6)), np.zeros((2, 6))
         """Averages over the last period: what the ankle sensors read; torque about the
@@ -115,6 +120,7 @@ class SimulatedRobot:
         What the settling leaves is the configuration alone, so that a replay from the
         first recorded state has nothing to guess.
         """
+        self._sent.clear()
         self.data.ctrl[self._actuators] = command.positions
         mujoco.mj_step(self.model, self.data, round(_SETTLING / self.settings.timestep))
         settled = self.data.qpos.copy()
@@ -132,7 +138,14 @@ class SimulatedRobot:
     def write(self, command: Command) -> None:
         """Set the set-points of the next period, and the pushes that act in it."""
         self.data.ctrl[self._actuators] = command.positions
+        self.delay()
         self.begin(self._tick)
+
+    def delay(self) -> None:
+        """Put the set-points that arrive now in place of those just set."""
+        if self.settings.command_delay:
+            self._sent.append(self.data.ctrl.copy())
+            self.data.ctrl[:] = self._sent[0]
 
     def begin(self, tick: int) -> None:
         """Set the pushes that act in a period.
@@ -206,27 +219,17 @@ class SimulatedRobot:
         """Do nothing: the motors of a simulated robot need no rest."""
 
     def _sense(self, data: mujoco.MjData) -> Sensors:
-        """Return the sensors' readings, with noise if asked."""
+        """Return the sensors' readings, with their noise and flaws."""
         s = data.sensordata
         # MuJoCo gives what the shank exerts on the foot; the robot feels the opposite.
-        wrenches = -self.felt
-        positions = data.qpos[7:].copy()
-        quat, gyro, acc = (s[part].copy() for part in self.imu)
-        if self.settings.noise:
-            scale, normal = self.settings.noise, self._rng.standard_normal
-            wrenches += scale * _ANKLE_NOISE * normal((2, 6))
-            positions += scale * _ENCODER_NOISE * normal(len(positions))
-            mujoco.mju_quatIntegrate(quat, scale * _TURN_NOISE * normal(3), 1.0)
-            gyro += scale * _GYRO_NOISE * normal(3)
-            acc += scale * _ACCELERATION_NOISE * normal(3)
-        return Sensors(
-            self._tick * self.period,
-            positions,
-            data.qvel[6:].copy(),
-            wrenches,
-            quat,
-            gyro,
-            acc,
+        return self.sensors.read(
+            Sensors(
+                self._tick * self.period,
+                data.qpos[7:].copy(),
+                data.qvel[6:].copy(),
+                -self.felt,
+                *(s[part].copy() for part in self.imu),
+            )
         )
 
     def snapshot(self) -> dict[str, np.ndarray]:
@@ -274,14 +277,6 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return b @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
 
 
-# Standard deviations at noise 1, white from one reading to the next.
-_ANKLE_NOISE = np.array([5.0, 5.0, 5.0, 0.2, 0.2, 0.2])  # [N, N m]
-_ENCODER_NOISE = 1e-4  # [rad]
-_TURN_NOISE = 2e-3  # [rad]
-_GYRO_NOISE = 1e-2  # [rad/s]
-_ACCELERATION_NOISE = 5e-2  # [m/s^2]
-
-
 def _ankle_readings(model: mujoco.MjModel, side: Side) -> list[int]:
     parts = [_sensor(model, f"{side.value[0]}_{kind}") for kind in ("force", "torque")]
     return [i for part in parts for i in range(part.start, part.stop)]
@@ -317,6 +312,8 @@ def trunk_body(model: mujoco.MjModel) -> int:
 
 
 _FLOOR = "comwalk_floor"
+# By default MuJoCo's dry friction creeps: a servo's error would be gone in 0.3 s.
+_STICKING = (0.004, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)  # solref, solimp
 _SETTLING = 0.5  # time to come to rest before a run [s]
 
 
@@ -362,6 +359,12 @@ def build_scene(
         _add_terrain(spec, terrain, settings)
     if settings.payload:
         _add_payload(spec, robot, settings.payload)
+    for joint in spec.joints:
+        if joint.type != mujoco.mjtJoint.mjJNT_FREE:
+            joint.damping[0] += settings.joint_damping
+            if settings.joint_friction:
+                joint.frictionloss += settings.joint_friction
+                joint.solref_friction[:], joint.solimp_friction[:] = _STICKING
     return spec.compile()
 
 

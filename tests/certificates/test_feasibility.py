@@ -1,5 +1,6 @@
 """What a plan asks of a robot: against the simulation, and at moved limits."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -17,13 +18,15 @@ from comwalk.certificates.plan_check import (
     feasibility,
     nearest_plans,
 )
+from comwalk.certificates.reach import stance_stiffness
 from comwalk.embedding.motion import Motion, embed_in
 from comwalk.errors import ModelError, PlanError
-from comwalk.pattern.footsteps import Gait, foot_poses
+from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait, foot_poses
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.plan_edits import excerpt, shortened, slowed, without_repeats
 from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
+from comwalk.robot.model import load_robot
 from comwalk.robot.self_collision import CLEARANCE, SelfCollision
 from comwalk.run import simulate
 from comwalk.sides import Side
@@ -61,7 +64,7 @@ def test_the_papers_walk_fits_the_papers_robot():
     assert shares == sorted(shares, reverse=True)
     assert result.worst.share == shares[0] < 1.0
     assert {d.what for d in result.demands} == {
-        *("position", "speed", "torque", "reach", "singularity", "ZMP")
+        *("position", "speed", "torque", "reach", "stiffness", "singularity", "ZMP")
     }
     assert len(result.table().splitlines()) == len(shares)
     assert result.table(1).split()[1] == result.worst.what
@@ -112,7 +115,7 @@ def test_joints_without_limits_are_left_out():
     far = np.full(len(paper().joints), np.inf)
     robot = replace(paper(), lower=-far, upper=far, speed=far, torque=far)
     whats = {d.what for d in feasibility(robot, walk_pattern(paper(), 2)).demands}
-    assert whats == {"reach", "singularity", "ZMP"}
+    assert whats == {"reach", "stiffness", "singularity", "ZMP"}
 
 
 def test_footsteps_out_of_reach_are_named_and_nothing_else_is_looked_at():
@@ -395,3 +398,81 @@ def test_a_long_walk_that_does_not_fit_is_refused():
     slow = limited("l_knee_pitch", speed=0.5)
     with pytest.raises(PlanError, match="l_knee_pitch needs a speed"):
         check_feasible(slow, walk_pattern(paper(), 10))
+
+
+def pushed_com(robot, side: Side, force: np.ndarray) -> np.ndarray:
+    """Return how far a static force moves the CoM of a robot whose one foot is fixed.
+
+    Found without Jacobians: the work of small turns of each joint gives its torque, the
+    servo gives way by torque / stiffness, and kinematics tells where the CoM is then.
+    """
+    model, data = robot.model, mujoco.MjData(robot.model)
+    joints = [
+        robot.joints.index(name)
+        for limb in robot.limbs
+        if limb.name == f"{side}_leg"
+        for name in (robot.joints[j] for j in limb.joints)
+    ]
+    site = robot.feet[side].site
+
+    def com(bend: np.ndarray) -> np.ndarray:
+        q = robot.home.copy()
+        q[[7 + j for j in joints]] += bend
+        q[:7] = 0.0
+        q[3] = 1.0
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        mujoco.mj_comPos(model, data)
+        R = data.site_xmat[site].reshape(3, 3)
+        return R.T @ (data.subtree_com[robot.base_body] - data.site_xpos[site])
+
+    h, zero = 1e-5, com(np.zeros(len(joints)))
+    unit = np.eye(len(joints))
+    G = np.stack([(com(h * e) - com(-h * e)) / (2 * h) for e in unit], axis=1)
+    torque = G.T @ force
+    return com(torque / robot.servo.stiffness[joints]) - zero
+
+
+@pytest.mark.parametrize("side", list(Side))
+@pytest.mark.parametrize("name", ["paper", "g1", "jvrc1"])
+def test_a_force_at_the_com_moves_it_by_the_stance_legs_stiffness(name, side):
+    """In the frame of the fixed sole, by kinematics alone."""
+    robot = load_robot(name)
+    k = stance_stiffness(robot)[side]
+    for i in range(2):
+        force = np.zeros(3)
+        force[i] = 5.0
+        assert pushed_com(robot, side, force)[i] == pytest.approx(5.0 / k[i], rel=3e-3)
+
+
+def test_stiffness_grows_with_the_servos():
+    for factor in (0.5, 2.0):
+        softer, usual = (
+            stance_stiffness(load_robot("paper", stiffness=f)) for f in (factor, 1.0)
+        )
+        for side in Side:
+            assert softer[side] == pytest.approx(factor * usual[side])
+
+
+@pytest.mark.parametrize("name", ["paper", "g1", "icub"])
+def test_servos_that_cannot_hold_the_robot_are_refused_and_the_advice_works(name):
+    """Forced, the robot tips over by itself; as stiff as is advised, it walks."""
+    soft = load_robot(name, stiffness=0.045)
+    pattern = walk_pattern(soft, 4)
+    with pytest.raises(PlanError, match=r"servos of the .* leg, forward") as caught:
+        simulate(soft, pattern)
+    assert not simulate(soft, pattern, force=True).outcome.ok
+    found = re.search(r"with servos ([\d.]+) times as stiff", str(caught.value))
+    assert found is not None
+    stiff = load_robot(name, stiffness=0.045 * float(found[1]))
+    assert simulate(stiff, pattern).outcome.ok
+
+
+def test_standing_asks_for_no_stance_leg():
+    soft = load_robot("paper", stiffness=0.05)
+    demands = feasibility(soft, make_pattern(excerpt_of_standing(), Pendulum())).demands
+    assert "stiffness" not in {demand.what for demand in demands}
+
+
+def excerpt_of_standing() -> FootstepPlan:
+    return FootstepPlan(left=Foothold(0.0, 0.09), right=Foothold(0.0, -0.09))

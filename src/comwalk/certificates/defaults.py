@@ -379,6 +379,7 @@ def largest_gait(robot: Robot) -> Gait:
 
 _SHARES = (1.0, 0.85, 0.7, 0.6, 0.5, 0.4)  # of the similar step that are tried
 _LEAST_SWING = 0.5  # share of the similar clearance that is kept at least
+_NOT_OF_STEPS = ("self-collision", "stiffness")  # shorter steps do not help
 _USE = 0.98  # share of a limit that the natural gait may use
 
 
@@ -390,7 +391,7 @@ def _fits(robot: Robot, gait: Gait) -> bool:
         demands = feasibility(robot, pattern).demands
     except ComwalkError:
         return False
-    return all(d.share <= _USE for d in demands if d.what != "self-collision")
+    return all(d.share <= _USE for d in demands if d.what not in _NOT_OF_STEPS)
 
 
 def _similar_gait(robot: Robot) -> Gait:

@@ -29,12 +29,15 @@ from ..pattern import (
     without_repeats,
 )
 from ..robot import CLEARANCE, LEGS, InverseDynamics, Kinematics, Robot, SelfCollision
-from .reach import _period, _Sweep, _sweep, leg_reaches
+from .reach import _period, _Sweep, _sweep, leg_reaches, stance_stiffness
 
 PERIOD = 0.02
 """Time between samples of the reference [s]; less where steps are short."""
 
 _COLLISION_PERIOD = 0.08  # [s]
+_STIFFEST = 1.5
+"""Least stiffness of a stance leg over m g / h [-]. Below 1 the robot tips over by
+itself; of six robots G1 still fell at 1.3, and none at 1.35 or more."""
 _USUALLY = 0.95  # share of the time in which the ZMP must be over the soles
 
 
@@ -43,8 +46,8 @@ class Demand:
     """The most that a plan asks of one joint, leg or link in one respect."""
 
     what: str
-    """The respect: "position", "speed", "torque", "reach", "singularity", "ZMP" or
-    "self-collision"."""
+    """The respect: "position", "speed", "torque", "reach", "stiffness", "singularity",
+    "ZMP" or "self-collision"."""
     joint: str
     """The joint; or the leg, the sole or the links."""
     demanded: float
@@ -73,6 +76,8 @@ _SENTENCES = {
     "are there",
     "singularity": "the {joint} is as good as straight (smallest singular value "
     "{demanded:.3g} m/rad, at least {limit:.3g} is needed)",
+    "stiffness": "the servos of the {joint}, hold the CoM with {limit:.0f} N/m, and a "
+    "robot that walks by position needs {demanded:.0f} against gravity",
     "ZMP": "the ZMP is {demanded:.3f} m off the middle of the soles, and their edge is "
     "at {limit:.3f} m",
     "self-collision": "{joint} meet (distance {demanded:.3f} m)",
@@ -157,6 +162,7 @@ def feasibility(
         _sorted(
             [
                 *reaches,
+                *_stiffness_demands(robot, pattern),
                 *_joint_demands(robot, sweep),
                 *_load_demands(robot, pattern, sweep),
                 *_singularity_demands(robot, sweep),
@@ -187,8 +193,8 @@ def check_feasible(
     if result.ok:
         return
     changes = nearest_plans(robot, pattern, motion, result.worst)
-    complaint = _complaint(pattern, result.worst)
-    raise PlanError(f"{complaint}; {advice(changes)}; --force walks it all the same")
+    complaint, what = _complaint(pattern, result.worst), advice(changes, result.worst)
+    raise PlanError(f"{complaint}; {what}; --force walks it all the same")
 
 
 _SETTLED = 7.0  # times omega_n: the CoM has forgotten what was before, to 0.1 %
@@ -211,15 +217,18 @@ def _fits_easily(robot: Robot, pattern: Pattern) -> bool:
     )
 
 
-def advice(changes: Sequence[Change]) -> str:
+def advice(changes: Sequence[Change], worst: Demand) -> str:
     """Return advice on one line.
 
     Args:
         changes: What `nearest_plans` found.
+        worst: The worst demand.
 
     Returns:
         All changes, the smallest first.
     """
+    if worst.what == "stiffness":
+        return f"it would fit with servos {1.02 * worst.share:.2f} times as stiff"
     if not changes:
         return (
             "neither shorter nor slower steps, nor a lower pendulum.height alone helps"
@@ -269,6 +278,8 @@ def nearest_plans(
     """
     if worst is None:
         worst = feasibility(robot, pattern, motion).worst
+    if worst.what == "stiffness":  # no plan makes servos stiffer
+        return ()
     step = pattern.at(worst.time).step
     plan = excerpt(pattern.plan, step - _EXCERPT, step + _EXCERPT + 1)
     part = make_pattern(plan, pattern.pendulum)
@@ -350,6 +361,17 @@ def _reach_demands(robot: Robot, pattern: Pattern) -> list[Demand]:
         Demand("reach", f"{side} leg", needed, length, "m", needed / length, time)
         for side, (needed, length, time) in leg_reaches(robot, pattern).items()
     ]
+
+
+def _stiffness_demands(robot: Robot, pattern: Pattern) -> Iterator[Demand]:
+    """Yield how stiffly a stance leg must hold the CoM, beside how stiffly it does."""
+    if not pattern.plan.steps:
+        return
+    least = _STIFFEST * robot.mass * robot.gravity / robot.com_height
+    for side, both in stance_stiffness(robot).items():
+        for way, k in zip(("forward", "sideways"), both.tolist(), strict=True):
+            where = f"{side} leg, {way}"
+            yield Demand("stiffness", where, least, k, "N/m", least / k, 0.0)
 
 
 def _joint_demands(robot: Robot, sweep: _Sweep) -> Iterator[Demand]:

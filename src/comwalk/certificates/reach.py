@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterator
 from typing import NamedTuple
 
+import mujoco
 import numpy as np
 
 from ..control import BodySettings, ControlOutput
@@ -57,6 +58,44 @@ def leg_reaches(
         most, when = max(needed, key=lambda pair: pair[0])
         reaches[side] = most, REACH_SHARE * length, when
     return reaches
+
+
+def stance_stiffness(robot: Robot) -> dict[Side, np.ndarray]:
+    r"""Return how stiffly each leg's servos hold the CoM over its foot.
+
+    With the foot fixed, the joints of the leg move the CoM by :math:`G = J_{c,i} -
+    J_{c,o} J_o^{-1} J_i`, with the Jacobians of the CoM and of the foot over the base
+    (o) and the leg (i). A force at the CoM bends servos of stiffness K, and
+
+    .. math:: k = 1 / (G K^{-1} G^T)_{ii}
+
+    Gravity pulls a CoM at the height h with m g / h away from the foot: a robot that
+    walks by position tips over by itself if k is less, and sways at
+    :math:`\omega_n \sqrt{k h / (m g) - 1}` if it is more.
+
+    Args:
+        robot: The robot, in its home posture.
+
+    Returns:
+        k forward and to the left [N/m], (2,), by the side of the leg.
+    """
+    model, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[:] = robot.home
+    mujoco.mj_kinematics(model, data)
+    mujoco.mj_comPos(model, data)
+    J_c, J_p, J_r = (np.zeros((3, model.nv)) for _ in range(3))
+    mujoco.mj_jacSubtreeCom(model, data, J_c, robot.base_body)
+    found = {}
+    for side in Side:
+        mujoco.mj_jacSite(model, data, J_p, J_r, robot.feet[side].site)
+        legs = (limb.joints for limb in robot.limbs if limb.name == LEGS[side])
+        joints = list(next(legs))
+        J, own = np.vstack([J_p, J_r]), [6 + j for j in joints]
+        G = J_c[:2, own] - J_c[:2, :6] @ np.linalg.solve(J[:, :6], J[:, own])
+        heading = data.site_xmat[robot.feet[side].site].reshape(3, 3)[:2, :2]
+        G = heading.T @ G
+        found[side] = 1.0 / np.sum(G * G / robot.servo.stiffness[joints], axis=1)
+    return found
 
 
 def _joint_anchors(robot: Robot, kinematics: Kinematics, name: str) -> np.ndarray:

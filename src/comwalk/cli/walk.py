@@ -125,7 +125,11 @@ def check(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -
     else:
         cells = [_demand_cells(row) for row in rows[:_DEMANDS_SHOWN]]
         print_table(cells, ("used", "what", "of", "asked", "limit", "unit", "at"))
-        print("it fits" if result.ok else f"it does not fit; {advice(changes)}")
+        print(
+            "it fits"
+            if result.ok
+            else f"it does not fit; {advice(changes, result.worst)}"
+        )
     return 0 if result.ok else 1
 
 

@@ -138,14 +138,17 @@ class Setup:
         Returns:
             The certificate.
         """
-        from .certificates import certify, sole_room
+        from .certificates import certify, sole_room, stance_ratio
 
-        room = None if self.robot is None else sole_room(self.robot)
+        robot = self.robot
+        room = None if robot is None else sole_room(robot)
+        stance = None if robot is None else stance_ratio(robot)
         return certify(
             self.pattern.pendulum,
             self.control.gains,
             sampled_loop_of(self.control),
             room=room,
+            stance=stance,
             exact=False,
             theory=False,
         )
@@ -198,6 +201,7 @@ def build_certificate(config: CertifyConfig) -> Certificate:
         default_pendulum,
         design,
         sole_room,
+        stance_ratio,
         stated_gains,
     )
     from .robot import load_robot
@@ -215,7 +219,10 @@ def build_certificate(config: CertifyConfig) -> Certificate:
         gains, cutoff = design(pendulum, loop, goal)
         loop = dataclasses.replace(loop, zmp_cutoff=cutoff)
     room = sole_room(robot)
-    return certify(pendulum, gains, loop, a=a, b=b, room=room, exact=config.exact)
+    stance, exact = stance_ratio(robot), config.exact
+    return certify(
+        pendulum, gains, loop, a=a, b=b, room=room, stance=stance, exact=exact
+    )
 
 
 def _goal(text: str, robot: Robot, a: float, b: float) -> DesignGoal:

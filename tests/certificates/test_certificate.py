@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from matplotlib.text import Text
 from pictures import inked
 from PIL import Image
 
+import comwalk
 from comwalk.certificates.bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.certificate import SoleRoom, certify
 from comwalk.certificates.defaults import default_control, default_pendulum, sole_room
@@ -268,3 +270,29 @@ def test_command_reads_a_file(tmp_path, capsys):
     numbers = json.loads(capsys.readouterr().out)
     assert numbers["loop"]["servo_lag"] == 0.04
     assert [x["k_p"] for x in numbers["axes"][:2]] == [2.0, 2.0]
+
+
+def test_a_stance_leg_that_yields_is_not_called_stable():
+    """Below m g / h the robot tips over by itself, whatever the gains."""
+    parts = PAPER, Gains(), LOOP
+    fine, soft, tips = (
+        certify(*parts, stance=ratio, exact=False) for ratio in (2.0, 1.3, 0.8)
+    )
+    assert fine.verdict == certify(*parts, exact=False).verdict
+    assert soft.stable
+    assert "holds 1.30 of m g / h, at least 1.5" in soft.verdict
+    assert not tips.stable
+    assert tips.verdict.startswith("UNSTABLE: the servos of a stance leg hold")
+    assert "1.88 times as stiff" in tips.verdict
+
+
+def test_a_file_with_soft_servos_is_not_certified(tmp_path, capsys):
+    """`comwalk certify` of servos that the body sinks on; a profile mends it."""
+    text = (Path(comwalk.__file__).parent / "robots" / "paper.xml").read_text()
+    (tmp_path / "soft.xml").write_text(re.sub(r'kp="[\d.]+"', 'kp="150"', text))
+    assert main(["certify", str(tmp_path / "soft.xml"), "--json"]) == 1
+    told = json.loads(capsys.readouterr().out)
+    assert told["verdict"].startswith("UNSTABLE: the servos of a stance leg")
+    assert told["stance_stiffness_ratio"] < 1.0
+    assert main(["walk", str(tmp_path / "soft.xml"), "--steps", "2"]) == 2
+    assert "times as stiff" in capsys.readouterr().err

@@ -43,6 +43,7 @@ if TYPE_CHECKING:
     from .plan_check import feasibility as feasibility
     from .plan_check import nearest_plans as nearest_plans
     from .published_gains import PUBLISHED as PUBLISHED
+    from .reach import stance_ratio as stance_ratio
     from .sampled_loop import SampledLoop as SampledLoop
     from .sampled_loop import open_loop as open_loop
     from .sampled_loop import text_of_loop as text_of_loop

@@ -29,6 +29,7 @@ from .gain_check import check_gains
 from .ideal_loop import Output, is_hurwitz, proof_condition, remark_1
 from .largest_errors import WorstCase, com_peak_gain, worst_case, zmp_peak_gain
 from .pole_placement import damping, natural_frequency, poles
+from .reach import LEAST_STANCE
 from .sampled_loop import SampledLoop, highest_cutoff, spectral_radius
 from .stability_margins import Margins, decay_rate, largest_zmp_gain, margins
 
@@ -162,6 +163,8 @@ class Certificate:
     """Bound on the rate of eps [m/s^2]."""
     room: SoleRoom | None
     """The soles, if they are known."""
+    stance: float | None
+    """Least stiffness of a stance leg over m g / h [-]; None if it is not known."""
     exact: bool
     """Whether the worst cases are exact; else they are bounds that are simpler to find.
     """
@@ -180,6 +183,12 @@ class Certificate:
             check_gains(self.gains, self.pendulum, self.loop)
         except ParameterError as error:
             return str(error)
+        if self.stance is not None and self.stance < 1.0:
+            return (
+                f"the servos of a stance leg hold the CoM with {self.stance:.2f} of "
+                "m g / h, so that the robot tips over by itself; make them "
+                f"{LEAST_STANCE / self.stance:.2f} times as stiff"
+            )
         return None
 
     @property
@@ -205,6 +214,11 @@ class Certificate:
 
     def _phrases(self) -> Iterator[str]:
         """Yield what stable gains survive."""
+        if self.stance is not None and self.stance < LEAST_STANCE:
+            yield (
+                f"but the stance leg holds {self.stance:.2f} of m g / h, at least "
+                f"{LEAST_STANCE:g} is needed to walk"
+            )
         if self.survives is not None:
             speed, name = self.survives
             least = "" if self.exact else "at least "
@@ -226,6 +240,7 @@ def certify(
     a: float = 0.05,
     b: float = 0.5,
     room: SoleRoom | None = None,
+    stance: float | None = None,
     exact: bool = True,
     theory: bool = True,
 ) -> Certificate:
@@ -241,6 +256,8 @@ def certify(
         a: Bound on |eps| [m/s], above 0.
         b: Bound on the rate of eps [m/s^2], above 0.
         room: How far the ZMP may be from its plan; None if it is not known.
+        stance: Least stiffness of a stance leg over m g / h [-], as `stance_ratio`
+            finds it; None if it is not known.
         exact: Whether to solve the linear programs for the exact worst cases; without
             them it takes a tenth of the time.
         theory: Whether to answer for the ideal loop too, of which the verdict tells
@@ -281,6 +298,7 @@ def certify(
         a=a,
         b=b,
         room=room,
+        stance=stance,
         exact=exact,
         axes=tuple(axes),
     )

@@ -29,15 +29,12 @@ from ..pattern import (
     without_repeats,
 )
 from ..robot import CLEARANCE, LEGS, InverseDynamics, Kinematics, Robot, SelfCollision
-from .reach import _period, _Sweep, _sweep, leg_reaches, stance_stiffness
+from .reach import LEAST_STANCE, _period, _Sweep, _sweep, leg_reaches, stance_stiffness
 
 PERIOD = 0.02
 """Time between samples of the reference [s]; less where steps are short."""
 
 _COLLISION_PERIOD = 0.08  # [s]
-_STIFFEST = 1.5
-"""Least stiffness of a stance leg over m g / h [-]. Below 1 the robot tips over by
-itself; of six robots G1 still fell at 1.3, and none at 1.35 or more."""
 _USUALLY = 0.95  # share of the time in which the ZMP must be over the soles
 
 
@@ -367,7 +364,7 @@ def _stiffness_demands(robot: Robot, pattern: Pattern) -> Iterator[Demand]:
     """Yield how stiffly a stance leg must hold the CoM, beside how stiffly it does."""
     if not pattern.plan.steps:
         return
-    least = _STIFFEST * robot.mass * robot.gravity / robot.com_height
+    least = LEAST_STANCE * robot.mass * robot.gravity / robot.com_height
     for side, both in stance_stiffness(robot).items():
         for way, k in zip(("forward", "sideways"), both.tolist(), strict=True):
             where = f"{side} leg, {way}"

@@ -98,6 +98,24 @@ def stance_stiffness(robot: Robot) -> dict[Side, np.ndarray]:
     return found
 
 
+LEAST_STANCE = 1.5
+"""Least stiffness of a stance leg over m g / h [-]. Below 1 the robot tips over by
+itself; of six robots G1 still fell at 1.3, and none at 1.35 or more."""
+
+
+def stance_ratio(robot: Robot) -> float:
+    """Return the least stiffness of a stance leg over m g / h [-].
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Of both legs, forward and sideways; see `stance_stiffness`.
+    """
+    least = min(float(both.min()) for both in stance_stiffness(robot).values())
+    return least * robot.com_height / (robot.mass * robot.gravity)
+
+
 def _joint_anchors(robot: Robot, kinematics: Kinematics, name: str) -> np.ndarray:
     """Return the anchors of a leg's joints [m], world, of shape (n, 3)."""
     limb = next(limb for limb in robot.limbs if limb.name == name)

@@ -189,6 +189,7 @@ def numbers_of_certificate(certificate: Certificate) -> dict[str, Any]:
         "stable": certificate.stable,
         "verdict": certificate.verdict,
         "fault": certificate.fault,
+        "stance_stiffness_ratio": certificate.stance,
         "survives_m_s": survived and survived[0],
         "delay_margin_s": _plain(delay and delay[0]),
         "omega_rad_s": certificate.pendulum.omega,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from ..certificates import certify, sampled_loop_of, sole_room
+from ..certificates import certify, sampled_loop_of, sole_room, stance_ratio
 from ..config import Given, WalkConfig
 from ..control import Gains
 from ..errors import ComwalkError
@@ -277,7 +277,7 @@ class LivePage:
 
     def _keep_certifying(self) -> None:
         """Write what the gains of now guarantee, whenever they have changed."""
-        room = sole_room(self._robot)
+        room, stance = sole_room(self._robot), stance_ratio(self._robot)
         while True:
             self._new_gains.wait()
             self._new_gains.clear()
@@ -290,6 +290,7 @@ class LivePage:
                 control.gains,
                 sampled_loop_of(control),
                 room=room,
+                stance=stance,
                 exact=False,
             )
             self._verdict.content = certificate.verdict

@@ -17,6 +17,10 @@ OPEN_LOOP = "--gains.zmp 0 --gains.com 0"
 LEVEL = "--body.no-imu --body.landing 0"
 ROUGH = "walk --simulator.terrain 0.01"
 LOADED = "walk --simulator.payload 0.1"
+REAL = (
+    "--simulator.joint-friction 2 --simulator.noise 1 --simulator.latency 0.002 "
+    "--simulator.command-delay 0.004"
+)
 
 ROWS = {
     "the paper's walk, 4 m": "walk",
@@ -29,6 +33,9 @@ ROWS = {
     "the same, soles taken for level (rough)": f"{ROUGH} {LEVEL}",
     "a tenth of its mass on the back": LOADED,
     "the same, not weighed before": f"{LOADED} --body.no-calibration",
+    "encoder zeros off by 3 mrad": "walk --simulator.encoder-zero 0.003",
+    "an IMU mounted askew by 5 mrad": "walk --simulator.imu-tilt 0.005",
+    "dry friction of 2 N m, noise, 6 ms of delay": f"walk {REAL}",
     "twice as fast": "walk --speed 0.4 --steps 10",
     "backward": "walk --speed -0.2 --steps 10",
     "sideways": "walk --side 0.06 --steps 10",

@@ -350,6 +350,23 @@ def test_servos_and_limits(tmp_path):
     assert robot.model.actuator_forcerange[robot.servo.actuators[j], 1] == 99.0
 
 
+@pytest.mark.parametrize("name", ["humanoid", "paper"])
+def test_rotors(name, tmp_path):
+    """A stated rotor is what turns; what is designed stays, and is written again."""
+    source = write(tmp_path) if name == "humanoid" else name
+    usual = load_robot(source)
+    joint = usual.joints[int(np.argmax(usual.servo.stiffness))]
+    robot = load_robot(source, profile={"servo": {joint: {"armature": 0.0251}}})
+    turns = usual.model.dof_armature.copy()
+    turns[6 + usual.joints.index(joint)] = 0.0251
+    assert np.array_equal(robot.model.dof_armature, turns)
+    assert np.array_equal(robot.servo.stiffness, usual.servo.stiffness)
+    assert robot.anatomy.designed == usual.anatomy.designed
+    assert profile_of(robot).servo[joint].armature == 0.0251
+    again = load_robot(source, profile=tomllib.loads(profile_text(profile_of(robot))))
+    assert again.model.dof_armature == pytest.approx(turns, rel=1e-6)
+
+
 def test_a_robot_that_marks_its_frames(tmp_path):
     """It takes home, servos and limits; the rest is in its file."""
     table = {

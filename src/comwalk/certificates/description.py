@@ -38,10 +38,15 @@ def profile_of(robot: Robot) -> Profile:
     anatomy = robot.anatomy
     own = robot.model.dof_damping[6:]
     damping = np.maximum(robot.servo.damping - own, 0.0).tolist()
-    rows = zip(robot.joints, robot.servo.stiffness.tolist(), damping, strict=True)
+    gains = zip(robot.servo.stiffness.tolist(), damping, strict=True)
+    rotors = robot.model.dof_armature[6:].tolist()
+    rows = zip(robot.joints, gains, rotors, strict=True)
     joints: dict[str, Any] = {
         "home": {name: round(q, 6) for name, q in robot.home_angles.items()},
-        "servo": {name: ServoGains(_digits(k), _digits(d)) for name, k, d in rows},
+        "servo": {
+            name: ServoGains(_digits(k), _digits(d), _digits(rotor) or None)
+            for name, (k, d), rotor in rows
+        },
         "limits": _limits(robot),
     }
     if anatomy.marked:
@@ -139,6 +144,7 @@ def _servos(robot: Robot) -> dict[str, dict[str, float | bool]]:
         name: {
             "stiffness": _digits(servo.stiffness[j]),
             "damping": _digits(servo.damping[j]),
+            "armature": _digits(robot.model.dof_armature[6 + j]),
             "designed": name in designed,
         }
         for j, name in enumerate(robot.joints)

@@ -25,7 +25,7 @@ from .annotation import compile_model, couple_in_physics, coupling_of, mark
 from .kinematic_tree import Skeleton
 from .loaders import ModelFile, profile_of_known, read_model
 from .mimic import Coupling
-from .profile import Profile, check_names, read_profile
+from .profile import Profile, ServoGains, check_names, read_profile
 from .servos import Gains, set_gains, set_torque
 
 LEGS = {Side.LEFT: "left_leg", Side.RIGHT: "right_leg"}
@@ -222,6 +222,7 @@ def load_robot(
     joints = [j.name for j in file.spec.joints if j.type != mujoco.mjtJoint.mjJNT_FREE]
     check_names(told, joints, [body.name for body in file.spec.bodies[1:]])
     _set_limits(file, told)
+    _set_armature(file.spec, told.servo)
     marked = is_marked(file.spec)
     anatomy = _read_marked(file, told) if marked else mark(file, told)
     for actuator in file.spec.actuators:
@@ -251,6 +252,13 @@ def _set_limits(file: ModelFile, profile: Profile) -> None:
         hinge = joint.type == mujoco.mjtJoint.mjJNT_HINGE
         joint.range = np.array([low, high]) * (degrees if hinge else 1.0)
         joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+
+
+def _set_armature(spec: mujoco.MjSpec, servos: Mapping[str, ServoGains]) -> None:
+    """Give joints the rotor inertias that a profile gives, before servos are added."""
+    for joint in spec.joints:
+        if joint.name in servos and servos[joint.name].armature is not None:
+            joint.armature = servos[joint.name].armature
 
 
 def _range_of(spec: mujoco.MjSpec, joint: mujoco.MjsJoint) -> tuple[float, float]:

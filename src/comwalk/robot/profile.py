@@ -75,13 +75,19 @@ class SoleNumbers:
 
 @dataclass(frozen=True)
 class ServoGains:
-    """Gains of one joint's position servo; None is designed."""
+    """Gains and rotor of one joint's position servo; None is designed."""
 
     stiffness: float | None = setting(
         None, "Position gain, of a slide in N/m", "N m/rad", "[1e-6, 1e9]"
     )
     damping: float | None = setting(
         None, "Velocity gain, of a slide in N s/m", "N m s/rad", "[0, 1e9]"
+    )
+    armature: float | None = setting(
+        None,
+        "Rotor inertia at the joint, of a slide in kg; None is the file's, or designed",
+        "kg m^2",
+        "[1e-9, 1e3]",
     )
 
     def __post_init__(self) -> None:
@@ -159,7 +165,7 @@ class Profile:
         "rad",
         "[-100, 100]",
     )
-    servo: Mapping[str, ServoGains] = setting(dict(), "Gains by joint")
+    servo: Mapping[str, ServoGains] = setting(dict(), "Servos by joint")
     limits: Mapping[str, Limits] = setting(dict(), "Limits by joint")
     gait: Given[Gait] = setting(Given(Gait), "The gait that it walks with by default")
     gains: Given[Gains] = setting(Given(Gains), "The gains that it walks with")
@@ -336,7 +342,7 @@ _COMMENTS = {
     "soles": "  # m; x, y: centre seen from the last joint; height of that joint",
     "stance": "  # m; where [home] leaves the legs' angles open",
     "home": "  # rad",
-    "servo": "  # N m/rad, N m s/rad",
+    "servo": "  # N m/rad, N m s/rad, kg m^2",
     "limits": "  # rad, rad/s, N m",
 }
 

@@ -11,6 +11,7 @@ import re
 import runpy
 import shlex
 import sys
+from collections import defaultdict
 from pathlib import Path
 
 import numpy as np
@@ -301,6 +302,26 @@ def test_rooms_that_are_named_exist():
             (path.name, x) for x in [*rooms, *others]
         }
     assert gone == set()
+
+
+def test_things_that_docstrings_name_exist():
+    """As `room.thing` or `Class.thing`, where the code of that has such a word."""
+    words, named = defaultdict(set), []
+    for path in (ROOT / "src" / "comwalk").rglob("*.py"):
+        text = path.read_text(encoding="utf-8")
+        room = path.parent if path.name == "__init__.py" else path
+        words[room.stem] |= set(re.findall(r"\w+", text))
+        words[path.parent.name].add(path.stem)
+        for node in ast.walk(ast.parse(text)):
+            if isinstance(node, ast.ClassDef):
+                own = ast.get_source_segment(text, node) or ""
+                words[node.name] |= set(re.findall(r"\w+", own))
+        things = re.findall(r"`(?:\w+\.)*(\w+)\.(\w+)`", text)
+        named += [(path.name, *thing) for thing in things]
+    elsewhere = {"numpy", "numba", "math", "mujoco", "optimize", "matplotlib"}
+    elsewhere |= {"zmpControllerParams", "window", "state", "wanted"}
+    gone = [x for x in named if x[1] not in elsewhere and x[2] not in words[x[1]]]
+    assert gone == []
 
 
 def test_scripts_import_what_there_is():

@@ -1,10 +1,10 @@
 r"""Gains and ZMP filter that suit a robot, its loop and its gait.
 
 What the law can do about the ZMP error of each step, which comes from all that the
-pendulum does not know of, is told by `margins.zmp_sensitivity` at the frequency of the
-steps. It falls as the gains grow, until the loop runs out of gain margin, and as k_p
-comes near k_c, which makes constant errors grow by :math:`k_c / (k_c - k_p)`. `design`
-takes the best that keeps both.
+pendulum does not know of, is told by `stability_margins.zmp_sensitivity` at the
+frequency of the steps. It falls as the gains grow, until the loop runs out of gain
+margin, and as k_p comes near k_c, which makes constant errors grow by
+:math:`k_c / (k_c - k_p)`. `design` takes the best that keeps both.
 """
 
 from __future__ import annotations

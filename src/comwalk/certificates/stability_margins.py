@@ -2,7 +2,7 @@
 
 All is read from the loop cut open at u, on the unit circle: the loop gain
 :math:`L(z) = k_c C(z) - k_p P(z)`, with u = -L u when the loop is closed. A pole on the
-circle means L = -1; `sampled.spectral_radius` finds the same by eigenvalues.
+circle means L = -1; `sampled_loop.spectral_radius` finds the same by eigenvalues.
 """
 
 from __future__ import annotations

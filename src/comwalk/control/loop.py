@@ -154,7 +154,7 @@ def walk(
         on_tick: Called each period after the command was written.
         watch: When a walk counts as a fall.
         link: Makes, from the ticker, what exchanges commands and readings with the
-            plant, where something faster than `plant.write` and `read` does.
+            plant, where something faster than `Plant.write` and `read` does.
 
     Returns:
         The outcome. A fall, and an interruption by the user, are outcomes.

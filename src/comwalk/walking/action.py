@@ -1,7 +1,8 @@
-r"""Compiled law and action: from CoM and ZMP to the set-points of all joints.
+"""From the law's CoM velocity to the set-points of all joints.
 
-`control.WalkingController.step`, `whole_body.WholeBody.act`, `footing.Footing.follow`
-and `motion.EmbeddedMotion.at` say what is computed and why; a test ties the two.
+`want` writes the task that the resolution solves: CoM, trunk, both feet and the
+embedded motion. `set_points` turns what it found into set-points, which ask of each
+servo the torque that `plan_torques` foresees: so a loaded joint stands where it should.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ correction moves the whole body."""
 def _foot_twist(
     flat: Flat, rules: Record, state: Record, reference: Record, k: int
 ) -> None:
-    """Write the wanted twist of foot k; `WholeBody._foot_twist`."""
+    """Write the wanted twist of foot k: its reference's, and feedback to its pose."""
     limb, foot, K = flat.limbs[k], reference.feet[k], rules.feedback
     x_d, y_d, yaw_d = foothold(state, reference, k)
     z_d = foot.position[2] + state.heights[k]
@@ -113,7 +114,7 @@ def want(
     q: np.ndarray,
     reference: Record,
 ) -> None:
-    """Write the task of a tick; `WholeBody._resolve`.
+    """Write the task of a tick: CoM velocity, trunk rate, twists of the feet, rates.
 
     Args:
         flat: The robot at the commanded configuration, with its levers.
@@ -192,7 +193,7 @@ def _push(flat: Flat, k: int, wrench: tuple, share: float, joints: np.ndarray) -
 def plan_torques(
     flat: Flat, rules: Record, reference: Record, joints: np.ndarray
 ) -> None:
-    """Write the planned torque of each joint; `WholeBody._planned_torques`.
+    """Write the planned torque of each joint [N m].
 
     As the whole body is taken to accelerate like its CoM, what carries it is the lever
     of each joint times the force on the CoM.
@@ -228,7 +229,7 @@ def set_points(
     v: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Write the set-points of all joints [rad]; `WholeBody._set_points`."""
+    """Write the set-points of all joints [rad]; rules, state and joints are read."""
     for j in range(len(joints)):
         out[j] = q[7 + j]
         if rules.compensate:

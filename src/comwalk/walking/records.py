@@ -1,8 +1,8 @@
 """Records of the compiled control tick: parameters, state and log rows.
 
-Each is one of the objects of the readable loop: `RULES` its settings, `STATE` what
-`WholeBody`, `Footing`, `Weighing`, `WalkingController` and the guard remember, `JOINT`
-a robot's servos and limits, `DANCE` an embedded motion, `ROW` what a log keeps.
+`RULES` holds what is constant in a run, `STATE` what measuring, standing and weighing
+remember from tick to tick, `JOINT` a robot's servos and limits, `DANCE` an embedded
+motion, `ROW` what a log keeps.
 """
 
 from __future__ import annotations
@@ -47,7 +47,7 @@ RULES = np.dtype(
 
 STATE = np.dtype(
     [
-        # `WholeBody`: what it measured.
+        # What was measured.
         ("com", "f8", 3),
         ("zmp", "f8", 2),
         ("load", "f8"),
@@ -60,13 +60,13 @@ STATE = np.dtype(
         ("sensor", "f8", (3, 3)),
         ("level", "f8", (3, 3)),
         ("other", "f8", (3, 3)),
-        # `Footing`.
+        # Where the feet stand, `foot_contact`.
         ("offsets", "f8", (2, 3)),
         ("recovers", "i8"),
         ("up", "f8", (2, 2)),
         ("heights", "f8", 2),
         ("leans", "f8", (2, 2)),
-        # `Weighing`.
+        # What the standing robot weighs, `control.weigh_standing`.
         ("mass_ratio", "f8"),
         ("lean", "f8", 2),
         ("seen", "i8"),

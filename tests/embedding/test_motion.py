@@ -9,6 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
+from numpy.polynomial import Polynomial
+from scipy.interpolate import CubicSpline
 
 from comwalk.embedding.dances import BUILTIN_MOTIONS, builtin_motion
 from comwalk.embedding.motion import EmbeddedMotion, JointLimit, Motion, embed_in
@@ -83,7 +85,7 @@ def test_a_motion_that_does_not_loop_holds_its_ends_at_rest():
     motion = make()
     for t, row in ((-1.0, 0), (0.0, 0), (2.5, -1), (1e9, -1)):
         q, dq = motion.at(t)
-        assert (q == motion.positions[row]).all()
+        assert q == pytest.approx(motion.positions[row], abs=1e-12)
         assert (dq == 0.0).all()
     assert np.abs(motion.at(2.5 - 1e-7)[1]).max() < 1e-4
     assert np.abs(motion.at(1e-7)[1]).max() < 1e-4
@@ -102,7 +104,7 @@ def test_two_samples_are_a_smooth_step():
     motion = Motion("lift", ("a",), np.array([0, 2]), np.array([[0], [1]]))
     for t in (0.2, 1.0, 1.7):
         s = t / 2
-        assert motion.at(t)[0][0] == pytest.approx(3 * s**2 - 2 * s**3, abs=1e-14)
+        assert motion.at(t)[0][0] == pytest.approx(3 * s**2 - 2 * s**3, abs=1e-12)
 
 
 def test_a_motion_is_a_read_only_copy():
@@ -248,10 +250,30 @@ def test_without_a_stop_a_loop_plays_for_ever_and_a_clip_once():
     assert embed_in(make(), HOME, start=3).stop == 5.5
 
 
+@pytest.mark.parametrize("loops", [False, True])
+@given(st.floats(-2.0, 14.0))
+def test_the_embedding_is_the_spline_of_scipy_blended(loops, t):
+    """Angles and rates, before, while and after it plays."""
+    embedded = embed_in(make(loops=loops), HOME, start=1.0, stop=9.0, blend=1.5)
+    motion, since = embedded.motion, t - 1.0
+    ends = "periodic" if loops else "clamped"
+    spline = CubicSpline(motion.times, motion.positions, bc_type=ends)
+    since = since % motion.duration if loops else min(max(since, 0), motion.duration)
+    q_m, dq_m = spline(since), spline(since, 1)
+    jerk = Polynomial([0, 0, 0, 10, -15, 6])
+    s = min(max(min(t - 1.0, 9.0 - t) / 1.5, 0.0), 1.0)
+    sign = 1.0 if t < 5.0 else -1.0
+    away = q_m - embedded.home
+    q, dq = embedded.at(t)
+    assert q == pytest.approx(embedded.home + jerk(s) * away, abs=1e-11)
+    rate = jerk(s) * dq_m + sign * jerk.deriv()(s) / 1.5 * away
+    assert dq == pytest.approx(rate, abs=1e-9)
+
+
 def test_a_clip_can_be_held_after_its_end():
     embedded = embed_in(make(), HOME, stop=10.0)
     q, dq = embedded.at(5.0)
-    assert q.tolist() == embedded.motion.positions[-1].tolist()
+    assert q == pytest.approx(embedded.motion.positions[-1], abs=1e-12)
     assert dq.tolist() == [0.0, 0.0]
 
 

@@ -41,6 +41,10 @@ if TYPE_CHECKING:
     from .motion_edits import scaled as scaled
     from .motion_files import is_motion_file as is_motion_file
     from .motion_files import load_motion as load_motion
+    from .motion_playing import DANCE as DANCE
+    from .motion_playing import blended as blended
+    from .motion_playing import find_segment as find_segment
+    from .motion_playing import find_weight as find_weight
     from .rotations import level_error as level_error
     from .rotations import rotate_twist as rotate_twist
     from .rotations import rotation_yaw as rotation_yaw

@@ -15,15 +15,15 @@ robot before anything moves.
 from __future__ import annotations
 
 import math
-from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
+from ..compiled import records
 from ..errors import MotionError, checked_number, nearest
-from ..pattern import minimum_jerk
+from .motion_playing import DANCE, find_weight, play
 
 _SHORTEST_STEP = 1e-6
 """Smallest time between two samples [s]."""
@@ -67,8 +67,6 @@ class Motion:
     dropped: tuple[str, ...] = ()
     """Names of the recorded joints which `select` or `renamed` took out."""
     _segments: np.ndarray = field(init=False, repr=False)
-    _knots: tuple[float, ...] = field(init=False, repr=False)
-    _still: np.ndarray = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check the samples and fit the spline."""
@@ -88,13 +86,11 @@ class Motion:
         object.__setattr__(self, "positions", _frozen(positions))
         segments = _frozen(np.moveaxis(spline.c, 0, 1))
         object.__setattr__(self, "_segments", segments)
-        object.__setattr__(self, "_knots", tuple(times.tolist()))
-        object.__setattr__(self, "_still", _frozen(np.zeros(len(joints))))
 
     @property
     def duration(self) -> float:
         """Length of the recording, or of one cycle if it loops [s]."""
-        return self._knots[-1]
+        return float(self.times[-1])
 
     @property
     def spline(self) -> tuple[np.ndarray, np.ndarray]:
@@ -112,7 +108,7 @@ class Motion:
 
         Returns:
             Angles [rad] and rates [rad/s], each of shape (m,), in the order of
-            `joints`. Arrays of the held ends are read-only.
+            `joints`.
 
         Raises:
             ParameterError: If `t` is not a finite number.
@@ -125,18 +121,10 @@ class Motion:
         """
         if not math.isfinite(t):
             checked_number("t", t, unit="s")
-        knots = self._knots
-        if self.loops:
-            t = t % knots[-1]
-        elif t <= 0.0:
-            return self.positions[0], self._still
-        elif t >= knots[-1]:
-            return self.positions[-1], self._still
-        k = bisect_right(knots, t, 1, len(knots) - 1) - 1
-        s = t - knots[k]
-        basis = ((s * s * s, s * s, s, 1.0), (3.0 * s * s, 2.0 * s, 1.0, 0.0))
-        q, dq = np.array(basis) @ self._segments[k]
-        return q, dq
+        found = np.empty((2, len(self.joints)))
+        still = np.zeros(len(self.joints))
+        play(*self.spline, int(self.loops), float(t), (1.0, 0.0), still, found)
+        return found[0], found[1]
 
 
 def _frozen(array: np.ndarray) -> np.ndarray:
@@ -298,7 +286,8 @@ class EmbeddedMotion:
     """When it is back in the home posture [s], >= start + 2 blend; inf for never."""
     blend: float
     """Time to blend in, and to blend out [s], > 0."""
-    _still: np.ndarray = field(init=False, repr=False)
+    record: np.ndarray = field(init=False, repr=False)
+    """The same times, one record of `DANCE`."""
 
     def __post_init__(self) -> None:
         """Check the times and keep a copy of the home posture."""
@@ -318,7 +307,9 @@ class EmbeddedMotion:
                 f"{len(self.motion.joints)} finite angles, one for each joint"
             )
         object.__setattr__(self, "home", _frozen(home))
-        object.__setattr__(self, "_still", self.motion._still)
+        record = records(DANCE)
+        record[0] = self.start, self.stop, self.blend, self.motion.loops
+        object.__setattr__(self, "record", record)
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -344,17 +335,11 @@ class EmbeddedMotion:
         """
         if not math.isfinite(t):
             checked_number("t", t, unit="s")
-        t_in, t_out, blend = t - self.start, self.stop - t, self.blend
-        tau = t_in if t_in < t_out else t_out
-        if tau <= 0.0:
-            return self.home, self._still
-        q_m, dq_m = self.motion.at(t_in)
-        if tau >= blend:
-            return q_m, dq_m
-        w, dw = minimum_jerk(tau / blend)
-        dw = dw / blend if t_in < t_out else -dw / blend
-        d = q_m - self.home
-        return self.home + w * d, w * dq_m + dw * d
+        motion, found = self.motion, np.empty((2, len(self.joints)))
+        weight = find_weight(self.record[0], float(t))
+        since = float(t - self.start)
+        play(*motion.spline, int(motion.loops), since, weight, self.home, found)
+        return found[0], found[1]
 
 
 def _set_window_time(embedded: EmbeddedMotion, name: str) -> None:

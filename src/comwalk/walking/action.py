@@ -10,8 +10,16 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import Record, kernel
-from ..embedding import SLIDE, Flat, site_point, site_rotation, turn_to_level
-from ..pattern import minimum_jerk
+from ..embedding import (
+    SLIDE,
+    Flat,
+    blended,
+    find_segment,
+    find_weight,
+    site_point,
+    site_rotation,
+    turn_to_level,
+)
 from .foot_contact import follow_ground, foothold, planned_share, untilt
 
 RECKONING = 5.0
@@ -50,28 +58,6 @@ def _foot_twist(
 
 
 @kernel
-def _spline_place(
-    dance: Record, knots: np.ndarray, t: float
-) -> tuple[int, float, float]:
-    """Return a segment, the time since its start [s], and 0 where the motion rests."""
-    n = len(knots)
-    if dance.loops:
-        t = t % knots[n - 1]
-    elif t <= 0.0:
-        return 0, 0.0, 0.0
-    elif t >= knots[n - 1]:
-        return n - 2, knots[n - 1] - knots[n - 2], 0.0
-    low, high = 1, n - 1
-    while low < high:
-        middle = (low + high) // 2
-        if t < knots[middle]:
-            high = middle
-        else:
-            low = middle + 1
-    return low - 1, t - knots[low - 1], 1.0
-
-
-@kernel
 def dance_at(
     dance: Record,
     moved: np.ndarray,
@@ -80,23 +66,13 @@ def dance_at(
     joints: np.ndarray,
     t: float,
 ) -> None:
-    """Write angles and rates of the embedded motion at a time; `EmbeddedMotion.at`."""
-    t_in, t_out, m = t - dance.start, dance.stop - t, len(moved)
-    tau = min(t_in, t_out)
-    w, dw = minimum_jerk(tau / dance.blend) if m else (0.0, 0.0)
-    dw = dw / dance.blend if t_in < t_out else -dw / dance.blend
-    k, s, moves = _spline_place(dance, knots, t_in)
+    """Write angles and rates of the embedded motion at a time [s] to its joints."""
+    k, s, moves = find_segment(knots, dance.loops, t - dance.start)
+    w, dw = find_weight(dance, t)
+    m = len(moved)
     for i in range(m):
-        joint = joints[moved[i]]
-        if tau <= 0.0:
-            joint.dance, joint.dance_rate = joint.home, 0.0
-            continue
-        c = cubics[4 * m * k + i : 4 * m * (k + 1) : m]
-        q = ((c[0] * s + c[1]) * s + c[2]) * s + c[3]
-        dq = moves * ((3.0 * c[0] * s + 2.0 * c[1]) * s + c[2])
-        away = q - joint.home
-        joint.dance = joint.home + w * away
-        joint.dance_rate = w * dq + dw * away
+        joint, c = joints[moved[i]], cubics[4 * m * k + i : 4 * m * (k + 1) : m]
+        joint.dance, joint.dance_rate = blended(c, s, moves, joint.home, w, dw)
 
 
 # ---- What is wanted ---------------------------------------------------------------

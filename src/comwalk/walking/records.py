@@ -1,8 +1,8 @@
 """Records of the compiled control tick: parameters, state and log rows.
 
 `RULES` holds what is constant in a run, `STATE` what measuring, standing and weighing
-remember from tick to tick, `JOINT` a robot's servos and limits, `DANCE` an embedded
-motion, `ROW` what a log keeps.
+remember from tick to tick, `JOINT` a robot's servos and limits, `ROW` what a log
+keeps.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 
 from ..compiled import records
 from ..control import WEIGHING_TIME, BodySettings, low_pass_coefficient
-from ..embedding import EmbeddedMotion, rotate_twist
+from ..embedding import DANCE, EmbeddedMotion, rotate_twist
 from ..robot import Foot, Kinematics, Robot
 from ..sides import Side
 
@@ -90,17 +90,6 @@ JOINT = np.dtype(
     align=True,
 )
 """A joint's servo and limits, and what is planned for it."""
-
-DANCE = np.dtype(
-    [
-        ("start", "f8"),
-        ("stop", "f8"),
-        ("blend", "f8"),
-        ("loops", "i8"),
-    ],
-    align=True,
-)
-"""An embedded motion; without one there are no joints that it moves."""
 
 ROW = np.dtype(
     [
@@ -199,16 +188,12 @@ def dance_of(
         A record of `DANCE`, the places of its joints, its knots [s], and its cubics
         between them, highest power first, one after the other.
     """
-    dance = records(DANCE)
     if motion is None:
-        return dance, np.zeros(0, np.int64), np.zeros(2), np.zeros(0)
-    for name in ("start", "stop", "blend"):
-        dance[name] = getattr(motion, name)
-    dance["loops"] = motion.motion.loops
+        return records(DANCE), np.zeros(0, np.int64), np.zeros(2), np.zeros(0)
     places = {name: j for j, name in enumerate(joints)}
     moved = np.array([places[name] for name in motion.joints], dtype=np.int64)
     knots, cubics = motion.motion.spline
-    return dance, moved, knots.copy(), cubics.ravel()
+    return motion.record.copy(), moved, knots.copy(), cubics.ravel()
 
 
 class SoleSensor(NamedTuple):

@@ -22,6 +22,7 @@ from ..control import (
     check_sensors,
 )
 from ..embedding import (
+    DANCE,
     SOLVED,
     Flat,
     find_levers,
@@ -35,7 +36,7 @@ from ..handles import floats_at, records_at
 from ..pattern import PHASE, REFERENCE, fill_reference
 from .action import dance_at, keeps_limits, plan_torques, set_points, want
 from .measurement import measure
-from .records import DANCE, JOINT, RULES, STATE
+from .records import JOINT, RULES, STATE
 
 HANDED_OVER = -1
 """What `act` and `tick` return where the robust solver has to resolve the task."""

@@ -85,14 +85,12 @@ def mark(file: ModelFile, profile: Profile | None = None) -> Anatomy:
         for joint, designed in design.gains.items()
     }
     add_servos(spec, model, gains, file.torque, design.armature)
-    told = {*own, *(j for j, s in profile.servo.items() if s.stiffness is not None)}
     spec.add_key(name="walk", qpos=q.tolist())
     mass = float(model.body_subtreemass[model.jnt_bodyid[0]])
     notes.append(soft_servos(design, anatomy, own, mass))
+    made = tuple(j for j in gains if j not in own and gains[j] == design.gains[j])
     return replace(
-        anatomy,
-        designed=tuple(j for j in gains if j not in told),
-        notes=(*anatomy.notes, *(n for n in notes if n)),
+        anatomy, designed=made, notes=(*anatomy.notes, *(n for n in notes if n))
     )
 
 

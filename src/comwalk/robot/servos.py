@@ -58,7 +58,7 @@ class Gains:
         if given is None:
             return self
         stiffness = self.stiffness if given.stiffness is None else given.stiffness
-        damping = self.damping * stiffness / self.stiffness
+        damping = self.damping * (stiffness / self.stiffness)
         return Gains(stiffness, damping if given.damping is None else given.damping)
 
 

@@ -97,10 +97,10 @@ def posture_of(robot: Robot, q: np.ndarray):
     return Kinematics(robot).posture(q)
 
 
-def robot_of(name: str) -> Robot:
+def robot_of(name: str, stiffness: float = 1.0) -> Robot:
     """Return a robot by name; skip where its package is not installed."""
-    known = {"paper": paper, "jvrc1": jvrc}
+    known = {"paper": paper, "jvrc1": jvrc} if stiffness == 1.0 else {}
     try:
-        return known[name]() if name in known else load_robot(name)
+        return known[name]() if name in known else load_robot(name, stiffness=stiffness)
     except ModelError as error:
         pytest.skip(str(error))

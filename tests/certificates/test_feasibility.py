@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from robots import paper
+from robots import paper, robot_of
 
 from comwalk.certificates.defaults import walk_pattern
 from comwalk.certificates.plan_check import (
@@ -437,7 +437,7 @@ def pushed_com(robot, side: Side, force: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("name", ["paper", "g1", "jvrc1"])
 def test_a_force_at_the_com_moves_it_by_the_stance_legs_stiffness(name, side):
     """In the frame of the fixed sole, by kinematics alone."""
-    robot = load_robot(name)
+    robot = robot_of(name)
     k = stance_stiffness(robot)[side]
     for i in range(2):
         force = np.zeros(3)
@@ -457,7 +457,7 @@ def test_stiffness_grows_with_the_servos():
 @pytest.mark.parametrize("name", ["paper", "g1", "icub"])
 def test_servos_that_cannot_hold_the_robot_are_refused_and_the_advice_works(name):
     """Forced, the robot tips over by itself; as stiff as is advised, it walks."""
-    soft = load_robot(name, stiffness=0.045)
+    soft = robot_of(name, stiffness=0.045)
     pattern = walk_pattern(soft, 4)
     with pytest.raises(PlanError, match=r"servos of the .* leg, forward") as caught:
         simulate(soft, pattern)

@@ -11,16 +11,14 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from typing import (
-    Literal,
-)
+from typing import Literal
 
 from .certificates import SampledLoop
 from .certificates.identification import Experiment
 from .control import BodySettings, ControlSettings, Gains, Push, SimulatorSettings
 from .errors import ParameterError
 from .pattern import Gait, Pendulum
-from .settings import Given, check_settings, setting
+from .settings import Given, check_settings, same_setting, setting
 
 MAX_SEED = 2**32 - 1
 """Largest seed of random numbers [-]."""
@@ -183,19 +181,16 @@ class DanceConfig(RobotConfig):
         "s",
         "[1, 3600]",
     )
-    amplitude: float | None = setting(
-        None, "Largest angle of a built-in dance; 0.5 if not given", "rad", "(0, 2.5]"
-    )
-    frequency: float | None = setting(
-        None, "Cycles of a built-in dance per second; 0.5 if not given", "Hz", "(0, 3]"
-    )
-    scale: float = setting(
-        1.0, "Factor on all angles of the dance about the home posture", "", "[0, 100]"
-    )
-    speed: float = setting(1.0, "Factor on the speed of the dance", "", "[0.001, 1000]")
-    blend: float = setting(
-        1.0, "Time to blend the dance in, and to blend it out", "s", "(0, 3600]"
-    )
+    amplitude: float | None = same_setting(WalkConfig, "motion_amplitude")
+    """As `WalkConfig.motion_amplitude` [rad]."""
+    frequency: float | None = same_setting(WalkConfig, "motion_frequency")
+    """As `WalkConfig.motion_frequency` [Hz]."""
+    scale: float = same_setting(WalkConfig, "motion_scale")
+    """As `WalkConfig.motion_scale`."""
+    speed: float = same_setting(WalkConfig, "motion_speed")
+    """As `WalkConfig.motion_speed`."""
+    blend: float = same_setting(WalkConfig, "motion_blend")
+    """As `WalkConfig.motion_blend` [s]."""
     half_width: float | None = setting(
         None,
         "Half of the distance between both feet; as in the robot's home posture if "

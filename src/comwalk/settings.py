@@ -175,6 +175,20 @@ def settings_of(kind: type) -> Mapping[str, Setting]:
     }
 
 
+def same_setting(kind: type, name: str) -> Any:
+    """Declare a setting that another dataclass has too, the same in all respects.
+
+    Args:
+        kind: The other dataclass.
+        name: Its field.
+
+    Returns:
+        The field.
+    """
+    other = settings_of(kind)[name]
+    return field(default=other.default, metadata={"setting": other})
+
+
 def _default_of(declared: dataclasses.Field[Any]) -> Any:
     if declared.default_factory is not MISSING:
         return declared.default_factory()

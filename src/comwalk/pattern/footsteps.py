@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 
 from ..errors import ParameterError, PlanError, checked_count, checked_number
-from ..settings import check_settings, setting, settings_of
+from ..settings import check_settings, same_setting, setting, settings_of
 from ..sides import Side
 from .placement import (
     _ROUNDING,
@@ -269,20 +269,14 @@ class FootstepPlan:
     steps: tuple[Footstep, ...] = ()
     """The steps in order, at most 100000; none means to stand."""
 
-    start_time: float = setting(
-        1.0, "Time from standing still to the first double support", "s", "[0.2, 10]"
-    )
+    start_time: float = same_setting(Gait, "start_time")
+    """As `Gait.start_time` [s]."""
 
-    stop_time: float = setting(
-        1.0, "Time from the last double support to standing still", "s", "[0.2, 10]"
-    )
+    stop_time: float = same_setting(Gait, "stop_time")
+    """As `Gait.stop_time` [s]."""
 
-    stand_time: float = setting(
-        0.5,
-        "Time of standing still before the start and after the stop",
-        "s",
-        "[0, 3600]",
-    )
+    stand_time: float = same_setting(Gait, "stand_time")
+    """As `Gait.stand_time` [s]."""
 
     double_support: DoubleSupport = setting(
         "paper", "ZMP in double support, as in `Gait`"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -163,7 +164,7 @@ def error_chart(records: Sequence[RunData], times: np.ndarray, i: int) -> Chart:
     # A fall leaves every range: show what came before.
     low, high = np.percentile(values, (2.0, 98.0)).tolist()
     span = (min(low, -1.0), max(high, 1.0))
-    return _chart(title, "mm", records, times, lines, span)
+    return replace(chart, span=span)
 
 
 def _column(name: str, i: int) -> Column:

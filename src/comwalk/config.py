@@ -15,7 +15,14 @@ from typing import Literal
 
 from .certificates import SampledLoop
 from .certificates.identification import Experiment
-from .control import BodySettings, ControlSettings, Gains, Push, SimulatorSettings
+from .control import (
+    Actuation,
+    BodySettings,
+    ControlSettings,
+    Gains,
+    Push,
+    SimulatorSettings,
+)
 from .errors import ParameterError
 from .pattern import Gait, Pendulum
 from .settings import Given, check_settings, same_setting, setting
@@ -48,6 +55,19 @@ class RobotConfig:
     pendulum: Given[Pendulum] = setting(Given(Pendulum), "The simplified model")
     stiffness: float = setting(
         1.0, "Factor on the stiffness of all servos", "", "(0, 100]"
+    )
+    actuation: Actuation | None = setting(
+        None,
+        "What the joints take: positions, torques with gains about positions, or "
+        "torques alone; as the robot's data suggest if not given",
+    )
+    pd: tuple[float, float, float] | None = setting(
+        None,
+        "Gains of joints that take torques, instead of the robot's own: position gain "
+        "of all but ankles, of ankles, and velocity gain",
+        "N m/rad, N m/rad, N m s/rad",
+        "[0, 1e6]",
+        items=("joints", "ankles", "damping"),
     )
     push: tuple[str, ...] = setting(
         (),
@@ -238,6 +258,10 @@ class CertifyConfig:
     profile: str | None = setting(
         None, "TOML file that tells what cannot be seen in the robot's file"
     )
+    actuation: Actuation | None = same_setting(RobotConfig, "actuation")
+    """As `RobotConfig.actuation`."""
+    pd: tuple[float, float, float] | None = same_setting(RobotConfig, "pd")
+    """As `RobotConfig.pd`."""
     gains: Given[Gains] = setting(Given(Gains), "Gains of the walking control law")
     loop: Given[SampledLoop] = setting(
         Given(SampledLoop), "The loop as it runs; `comwalk identify` measures it"

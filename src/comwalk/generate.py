@@ -19,7 +19,7 @@ from typing import Any, Literal
 import numpy as np
 
 from .certificates import default_gait, default_pendulum
-from .control import BodySettings, ControlOutput
+from .control import Actuation, BodySettings, ControlOutput
 from .embedding import BUILTIN_MOTIONS, EmbeddedMotion, embed_in, fitted
 from .errors import ParameterError, PlanError, checked_count
 from .pattern import (
@@ -294,7 +294,7 @@ def follow(
     """
     each = math.ceil(period / TICK - 1e-9)
     body = WholeBody(
-        robot,
+        dataclasses.replace(robot, actuation=Actuation.POSITION),
         period / each,
         motion,
         BodySettings(deflection_compensation=False, imu=False, landing=0.0),

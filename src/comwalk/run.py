@@ -16,7 +16,12 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from .certificates import check_control, check_feasible, default_control
+from .certificates import (
+    check_control,
+    check_feasible,
+    default_control,
+    servo_lag_of,
+)
 from .control import (
     PROGRESS_ROWS,
     Body,
@@ -286,7 +291,8 @@ def prepare(
     control = control or default_control(robot)
     _check_pushes(pattern, physics)
     _check_gravity(robot, pattern)
-    check_control(control, pattern.pendulum)
+    lag = servo_lag_of(robot, control.body)
+    check_control(control, pattern.pendulum, lag)
     if not force:
         check_feasible(robot, pattern, motion)
     plant = SimulatedRobot(

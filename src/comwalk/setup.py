@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .certificates import check_control, sampled_loop_of
+from .certificates import check_control, sampled_loop_of, servo_lag_of
 from .certificates.identification import standing_pattern
 from .config import (
     CertifyConfig,
@@ -146,7 +146,7 @@ class Setup:
         return certify(
             self.pattern.pendulum,
             self.control.gains,
-            sampled_loop_of(self.control),
+            sampled_loop_of(self.control, servo_lag_of(robot, self.control.body)),
             room=room,
             stance=stance,
             exact=False,
@@ -206,12 +206,15 @@ def build_certificate(config: CertifyConfig) -> Certificate:
     )
     from .robot import load_robot
 
-    robot = load_robot(config.robot, profile=config.profile)
+    robot = load_robot(
+        config.robot, profile=config.profile, actuation=config.actuation, pd=config.pd
+    )
     pendulum = config.pendulum.over(default_pendulum(robot))
     period = float(config.loop.values.get("period", Control().period))
     gains = stated_gains(config.gains, default_gains(robot, period=period))
     settings = default_control_settings(robot, gains, pendulum=pendulum, period=period)
-    loop = sampled_loop_of(Control(gains=gains, settings=settings, period=period))
+    control = Control(gains=gains, settings=settings, period=period)
+    loop = sampled_loop_of(control, servo_lag_of(robot))
     loop = config.loop.over(loop)
     a, b = config.disturbance
     if config.design is not None:
@@ -339,8 +342,13 @@ def build_identify(config: IdentifyConfig) -> IdentifySetup:
 def _load(config: RobotConfig) -> Robot:
     from .robot import load_robot
 
-    name, factor = config.robot, config.stiffness
-    return load_robot(name, stiffness=factor, profile=config.profile)
+    return load_robot(
+        config.robot,
+        stiffness=config.stiffness,
+        profile=config.profile,
+        actuation=config.actuation,
+        pd=config.pd,
+    )
 
 
 def _pendulum(config: RobotConfig, robot: Robot) -> Pendulum:
@@ -364,7 +372,7 @@ def _setup(config: RobotConfig, robot: Robot, pattern: Pattern) -> Setup:
         body=config.body,
         period=period,
     )
-    check_control(control, pattern.pendulum)
+    check_control(control, pattern.pendulum, servo_lag_of(robot, control.body))
     return Setup(
         robot=robot,
         pattern=pattern,

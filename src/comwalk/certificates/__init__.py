@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from .ensemble import monte_carlo as monte_carlo
     from .gain_check import check_control as check_control
     from .gain_check import sampled_loop_of as sampled_loop_of
+    from .gain_check import servo_lag_of as servo_lag_of
     from .gain_design import Aim as Aim
     from .gain_design import DesignGoal as DesignGoal
     from .gain_design import design as design

@@ -32,7 +32,7 @@ from ..robot import LEGS, Kinematics, Robot
 from ..settings import Given
 from ..sides import Side
 from .certificate import SoleRoom
-from .gain_check import sampled_loop_of
+from .gain_check import sampled_loop_of, servo_lag_of
 from .gain_design import Design, DesignGoal, design, rounded
 from .plan_check import feasibility
 from .sampled_loop import SampledLoop, highest_cutoff
@@ -238,9 +238,8 @@ def similar_gains(pendulum: Pendulum) -> Gains:
 @lru_cache(maxsize=32)
 def _designed(robot: Robot, period: float) -> Design:
     goal = DesignGoal(step_time=default_gait(robot).period)
-    return design(
-        default_pendulum(robot), sampled_loop_of(Control(period=period)), goal
-    )
+    loop = sampled_loop_of(Control(period=period), servo_lag_of(robot))
+    return design(default_pendulum(robot), loop, goal)
 
 
 def default_control_settings(
@@ -273,7 +272,8 @@ def default_control_settings(
         cutoff = usual.zmp_cutoff or math.inf
     elif gains == own and not robot.profile.gains.values:
         cutoff = _designed(robot, period).zmp_cutoff
-    loop = SampledLoop(period=period, delay=usual.delay + 1)
+    delay, lag = usual.delay + 1, servo_lag_of(robot)
+    loop = SampledLoop(period=period, servo_lag=lag, delay=delay)
     highest = [
         highest_cutoff(pendulum, k_p, k_c, loop)
         for k_p, k_c in _axes(gains)

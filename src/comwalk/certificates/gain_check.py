@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import math
 
-from ..control import Control, Gains
+from ..control import Actuation, BodySettings, Control, Gains
 from ..errors import ParameterError
 from ..pattern import Pendulum
+from ..robot import Robot
 from .sampled_loop import SampledLoop, highest_cutoff, spectral_radius
 
 
@@ -66,6 +67,22 @@ def _check_axis(
         f"{loop.delay} ticks{more}, zmp_cutoff {given:g} Hz: errors grow {radius:.4g} "
         f"times a tick; {remedy}"
     )
+
+
+def servo_lag_of(robot: Robot | None, body: BodySettings | None = None) -> float:
+    """Return the time constant between u and the CoM's velocity [s].
+
+    Args:
+        robot: The robot; None for the simplified model.
+        body: How it follows its commands; as by default if None.
+
+    Returns:
+        Of a robot that takes torques 1 / k_v, the lag of its CoM velocity servo.
+    """
+    if robot is None or robot.actuation is Actuation.POSITION:
+        return 0.02
+    omega = math.sqrt(robot.gravity / robot.com_height)
+    return 1.0 / (omega * max((body or BodySettings()).com_servo, 1e-3))
 
 
 def sampled_loop_of(control: Control, servo_lag: float = 0.02) -> SampledLoop:

@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import mujoco
 import numpy as np
 
+from ..control import Actuation
 from ..embedding import Damping, EmbeddedMotion
 from ..errors import PlanError
 from ..pattern import (
@@ -362,7 +363,7 @@ def _reach_demands(robot: Robot, pattern: Pattern) -> list[Demand]:
 
 def _stiffness_demands(robot: Robot, pattern: Pattern) -> Iterator[Demand]:
     """Yield how stiffly a stance leg must hold the CoM, beside how stiffly it does."""
-    if not pattern.plan.steps:
+    if not pattern.plan.steps or robot.actuation is not Actuation.POSITION:
         return
     least = LEAST_STANCE * robot.mass * robot.gravity / robot.com_height
     for side, both in stance_stiffness(robot).items():

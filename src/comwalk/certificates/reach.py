@@ -10,7 +10,7 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
-from ..control import BodySettings, ControlOutput
+from ..control import Actuation, BodySettings, ControlOutput
 from ..embedding import EmbeddedMotion, rotation_yaw
 from ..errors import ModelError
 from ..pattern import Pattern, Phase
@@ -103,15 +103,18 @@ LEAST_STANCE = 1.5
 itself; of six robots G1 still fell at 1.3, and none at 1.35 or more."""
 
 
-def stance_ratio(robot: Robot) -> float:
+def stance_ratio(robot: Robot) -> float | None:
     """Return the least stiffness of a stance leg over m g / h [-].
 
     Args:
         robot: The robot.
 
     Returns:
-        Of both legs, forward and sideways; see `stance_stiffness`.
+        Of both legs, forward and sideways; see `stance_stiffness`. None if torques hold
+        the robot, whatever its gains.
     """
+    if robot.actuation is not Actuation.POSITION:
+        return None
     least = min(float(both.min()) for both in stance_stiffness(robot).values())
     return least * robot.com_height / (robot.mass * robot.gravity)
 
@@ -181,6 +184,7 @@ def _sweep(
     """
     far = np.full(len(robot.joints), np.inf)
     free = dataclasses.replace(robot, lower=-far, upper=far, speed=far)
+    free = dataclasses.replace(free, actuation=Actuation.POSITION)
     settings = BodySettings(deflection_compensation=False, imu=False, landing=0.0)
     body = WholeBody(free, dt, motion, settings)
     body.start(pattern.at(0.0))

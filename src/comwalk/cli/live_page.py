@@ -14,7 +14,13 @@ from typing import TYPE_CHECKING, Any
 import mujoco
 import numpy as np
 
-from ..certificates import certify, sampled_loop_of, sole_room, stance_ratio
+from ..certificates import (
+    certify,
+    sampled_loop_of,
+    servo_lag_of,
+    sole_room,
+    stance_ratio,
+)
 from ..config import Given, WalkConfig
 from ..control import Gains
 from ..errors import ComwalkError
@@ -288,7 +294,7 @@ class LivePage:
             certificate = certify(
                 pendulum,
                 control.gains,
-                sampled_loop_of(control),
+                sampled_loop_of(control, servo_lag_of(self._robot, control.body)),
                 room=room,
                 stance=stance,
                 exact=False,

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable
-from functools import cache
+from functools import cache, partial
 from types import FunctionType, UnionType
 from typing import Annotated, Any, get_args, get_origin
 
@@ -77,23 +77,29 @@ def _shown(default: Any, suits_robot: bool) -> str:
 def _hint(hint: Any) -> Any:
     if get_origin(hint) is tuple and get_args(hint)[-1] is Ellipsis:
         return list[str] | None
-    return Any if _is_pair(hint) else hint | None
+    return Any if _count(hint) else hint | None
 
 
-def _is_pair(hint: Any) -> bool:
+def _count(hint: Any) -> int:
+    """Return how many numbers a tuple has; 0 for all else."""
     options = get_args(hint) if isinstance(hint, UnionType) else (hint,)
-    return any(get_args(option) == (float, float) for option in options)
+    return max(len(a) if {*(a := get_args(x))} == {float} else 0 for x in options)
 
 
 def _parsing(hint: Any, default: Any) -> dict[str, Any]:
     """Return how the words of a flag are read."""
-    if _is_pair(hint):
-        reading = {"converter": _read_pair, "n_tokens": 1, "metavar": "X[,Y]"}
+    if count := _count(hint):
+        metavar = f"X[,{','.join('YZ'[: count - 1])}]"
+        reading = {
+            "converter": partial(_read_several, count),
+            "n_tokens": 1,
+            "metavar": metavar,
+        }
         return {**reading, "negative": ()}
     if hint is int:
         return {"converter": _read_whole, "negative": ()}
     if isinstance(hint, UnionType):
-        read = _read_text if str in get_args(hint) else _read_number
+        read = _read_number if {float, int} & {*get_args(hint)} else _read_text
         return {"converter": read, "negative": ()}
     return {} if hint is bool and default else {"negative": ()}
 
@@ -118,7 +124,7 @@ def _read_whole(hint: Any, tokens: Any) -> int:
         raise ParameterError(f'not a whole number: "{tokens[0].value}"') from None
 
 
-def _read_pair(hint: Any, tokens: Any) -> tuple[float, ...] | str:
+def _read_several(count: int, hint: Any, tokens: Any) -> tuple[float, ...] | str:
     """Return the numbers of "3" or "3,1.8", or the word "none"."""
     if tokens[0].value == "none":
         return "none"
@@ -126,11 +132,12 @@ def _read_pair(hint: Any, tokens: Any) -> tuple[float, ...] | str:
         numbers = tuple(float(word) for word in tokens[0].value.split(","))
     except ValueError:
         numbers = ()
-    if len(numbers) not in (1, 2):
+    if len(numbers) not in (1, count):
+        words, such = ("two", "3,1.8") if count == 2 else ("three", "100,40,2")
         raise ParameterError(
-            f'not one number or two, such as 3 or 3,1.8: "{tokens[0].value}"'
+            f'not one number or {words}, such as 3 or {such}: "{tokens[0].value}"'
         )
-    return numbers * 2 if len(numbers) == 1 else numbers
+    return numbers * count if len(numbers) == 1 else numbers
 
 
 def given_flags(flags: Any) -> dict[str, Any]:

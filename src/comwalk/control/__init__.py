@@ -46,8 +46,10 @@ if TYPE_CHECKING:
     from .payload import RISE_TIME as RISE_TIME
     from .payload import WEIGHING_TIME as WEIGHING_TIME
     from .payload import weigh_standing as weigh_standing
+    from .plant import Actuation as Actuation
     from .plant import Command as Command
     from .plant import Disturbance as Disturbance
+    from .plant import JointServos as JointServos
     from .plant import PendulumPlant as PendulumPlant
     from .plant import Plant as Plant
     from .plant import Sensors as Sensors

@@ -235,6 +235,7 @@ LAW = np.dtype(
         ("alpha", "f8"),  # coefficient of the ZMP filter [-]
         ("max_correction", "f8"),  # [m/s]
         ("max_offset", "f8"),  # [m]
+        ("integrates", "i8"),  # whether a position is made of u
     ],
     align=True,
 )
@@ -308,9 +309,10 @@ def apply_law(
         state.com_command[i] = newest[i] + state.offset[i]
     x, y = _correction(law, state, reference.heading, reference.walking)
     x, y, fast = _limited(feedback_scale * x, feedback_scale * y, law.max_correction)
-    o_x, o_y = state.offset[0], state.offset[1]
-    p_x, p_y, far = _limited(o_x + x * dt, o_y + y * dt, law.max_offset)
-    state.offset[0], state.offset[1] = p_x, p_y
+    o_x, o_y, far = state.offset[0], state.offset[1], False
+    if law.integrates:
+        p_x, p_y, far = _limited(o_x + x * dt, o_y + y * dt, law.max_offset)
+        state.offset[0], state.offset[1] = p_x, p_y
     if far:
         x, y = (p_x - o_x) / dt, (p_y - o_y) / dt
     state.u[0] = reference.com_velocity[0] + x
@@ -379,6 +381,7 @@ class WalkingController:
         law["alpha"] = low_pass_coefficient(self.settings.zmp_cutoff, self.period)
         law["max_correction"] = self.settings.max_correction
         law["max_offset"] = self.settings.max_offset
+        law["integrates"] = True
         self.gains = gains
         self.reset((0.0, 0.0), (0.0, 0.0))
 

@@ -18,7 +18,8 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol, TypeAlias
+from enum import StrEnum
+from typing import NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -56,12 +57,43 @@ class Sensors:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Command:
-    """Set-points of all joints for the next period."""
+    r"""Set-points of all joints for the next period.
+
+    With gains, each joint exerts
+    :math:`\tau = \tau_{ff} + k_p (q^* - q) + k_d (\dot q^* - \dot q)`; without, it goes
+    to its position by servos of its own.
+    """
 
     positions: np.ndarray
     """Joint positions [rad] (or [m]), of shape (n,), in the order of `joint_names`."""
     velocities: np.ndarray
     """Their rates [rad/s] (or [m/s]), of shape (n,)."""
+    torques: np.ndarray | None = None
+    """Torques fed forward [N m] (or [N]), of shape (n,)."""
+    stiffness: np.ndarray | None = None
+    """Position gains k_p [N m/rad] (or [N/m]), of shape (n,)."""
+    damping: np.ndarray | None = None
+    """Velocity gains k_d [N m s/rad] (or [N s/m]), of shape (n,)."""
+
+
+class Actuation(StrEnum):
+    """What the joints of a robot take."""
+
+    POSITION = "position"
+    """Positions, which servos of their own go to."""
+    PD = "pd"
+    """Torques, and positions and rates with gains about them."""
+    TORQUE = "torque"
+    """Torques alone."""
+
+
+class JointServos(NamedTuple):
+    """Gains of joints that torques are fed forward to."""
+
+    stiffness: np.ndarray
+    """Position gains k_p [N m/rad] (or [N/m]), of shape (n,)."""
+    damping: np.ndarray
+    """Velocity gains k_d [N m s/rad] (or [N s/m]), of shape (n,)."""
 
 
 class Plant(Protocol):

@@ -158,6 +158,47 @@ class BodySettings:
         "rad/s",
         "[0, 5]",
     )
+    com_servo: float = setting(
+        5.0,
+        "Gain k_v with which torques make the CoM's velocity follow the law, over "
+        "omega_n",
+        "",
+        "[0, 100]",
+    )
+    bandwidth: float = setting(
+        8.0,
+        "How fast torques bring trunk, feet and joints back to their references, over "
+        "omega_n",
+        "",
+        "(0, 100]",
+    )
+    rate_cutoff: float = setting(
+        40.0,
+        "Cut-off of the low-pass filter on differences of the encoders, from which "
+        "torques are computed",
+        "Hz",
+        "[1, 1000]",
+    )
+    com_cutoff: float = setting(
+        10.0,
+        "Cut-off below which the CoM's velocity is what the joints say, and above "
+        "which what was asked for, by torque",
+        "Hz",
+        "[0.1, 1000]",
+    )
+    tilt_cutoff: float = setting(
+        1.0,
+        "Cut-off below which the IMU's orientation is believed, and above which the "
+        "gyro's, by torque",
+        "Hz",
+        "[0.01, 1000]",
+    )
+    grip: float = setting(
+        0.7,
+        "Friction of the soles that torques count on",
+        "",
+        "(0, 10]",
+    )
     embed_motion: bool = setting(
         True,
         "Whether the resolution knows of the embedded motion; False is for "

@@ -9,6 +9,12 @@ if TYPE_CHECKING:
     from ..compiled import records as records
     from .dances import BUILTIN_MOTIONS as BUILTIN_MOTIONS
     from .dances import builtin_motion as builtin_motion
+    from .dynamics import BODY as BODY
+    from .dynamics import accelerate_links as accelerate_links
+    from .dynamics import load_links as load_links
+    from .dynamics import move_com as move_com
+    from .dynamics import move_links as move_links
+    from .dynamics import move_site as move_site
     from .elimination import resolve_by_elimination as resolve_by_elimination
     from .elimination import sigma_min as sigma_min
     from .kinematic_records import ANY_AXIS as ANY_AXIS
@@ -27,6 +33,7 @@ if TYPE_CHECKING:
     from .kinematics import place_links as place_links
     from .kinematics import resolve as resolve
     from .kinematics import resolve_at as resolve_at
+    from .kinematics import resolve_limb as resolve_limb
     from .kinematics import site_point as site_point
     from .kinematics import site_rotation as site_rotation
     from .kinematics import turned as turned

@@ -434,6 +434,35 @@ def resolve(flat: Flat, wanted: Record, v: np.ndarray) -> int:
 
 
 @kernel
+def resolve_limb(
+    flat: Flat, limb: Record, wanted: Record, velocity: Record, spin: Record
+) -> int:
+    """Resolve the twist of one limb's end alone, the body's being given, Eq. (18).
+
+    Args:
+        flat: The robot after `place_links`.
+        limb: The limb, with its twist. Joints that carry it are taken to rest.
+        wanted: Scratch, and how singular limbs give way.
+        velocity: Velocity of the body center [m/s], world, (3,).
+        spin: Angular velocity of the body [rad/s], world, (3,).
+
+    Returns:
+        SOLVED, with the rates of its own links in their `rate`; or SINGULAR.
+    """
+    for n in range(limb.chain_length):
+        flat.links[limb.chain[n]].desired_rate = 0.0
+    for i in range(3):
+        wanted.trunk[i] = spin[i]
+    if _solve_limb(flat, limb, wanted) != SOLVED:
+        return SINGULAR
+    for n in range(limb.own):
+        link = flat.links[limb.chain[n]]
+        for i in range(3):
+            link.rate += link.gain[i] * velocity[i]
+    return SOLVED
+
+
+@kernel
 def resolve_at(handle: np.ndarray, q: np.ndarray, v: np.ndarray) -> int:
     """Resolve a task at a configuration; see `place_links` and `resolve`."""
     flat = flat_at(handle)

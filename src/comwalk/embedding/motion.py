@@ -121,9 +121,9 @@ class Motion:
         """
         if not math.isfinite(t):
             checked_number("t", t, unit="s")
-        found = np.empty((2, len(self.joints)))
+        found = np.empty((3, len(self.joints)))
         still = np.zeros(len(self.joints))
-        play(*self.spline, int(self.loops), float(t), (1.0, 0.0), still, found)
+        play(*self.spline, int(self.loops), float(t), (1.0, 0.0, 0.0), still, found)
         return found[0], found[1]
 
 
@@ -335,7 +335,7 @@ class EmbeddedMotion:
         """
         if not math.isfinite(t):
             checked_number("t", t, unit="s")
-        motion, found = self.motion, np.empty((2, len(self.joints)))
+        motion, found = self.motion, np.empty((3, len(self.joints)))
         weight = find_weight(self.record[0], float(t))
         since = float(t - self.start)
         play(*motion.spline, int(motion.loops), since, weight, self.home, found)

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..compiled import Record, kernel
-from ..pattern import minimum_jerk
+from ..pattern import bend_of_minimum_jerk, minimum_jerk
 
 DANCE = np.dtype(
     [
@@ -49,36 +49,43 @@ def find_segment(knots: np.ndarray, loops: int, t: float) -> tuple[int, float, f
 
 
 @kernel
-def find_weight(dance: Record, t: float) -> tuple[float, float]:
-    """Return the weight of a motion against home, and its rate [1/s].
+def find_weight(dance: Record, t: float) -> tuple[float, float, float]:
+    """Return the weight of a motion against home, its rate [1/s], and the rate of that.
 
     Args:
         dance: A record of `DANCE`.
         t: Time from the plan's start [s].
     """
     t_in, t_out = t - dance.start, dance.stop - t
-    w, dw = minimum_jerk(min(t_in, t_out) / dance.blend)
-    return w, dw / dance.blend if t_in < t_out else -dw / dance.blend
+    s, T = min(t_in, t_out) / dance.blend, dance.blend
+    w, dw = minimum_jerk(s)
+    return w, dw / T if t_in < t_out else -dw / T, bend_of_minimum_jerk(s) / (T * T)
 
 
 @kernel
 def blended(
-    c: np.ndarray, s: float, moves: float, home: float, w: float, dw: float
-) -> tuple[float, float]:
-    """Return angle [rad] and rate [rad/s] of one joint.
+    c: np.ndarray,
+    s: float,
+    moves: float,
+    home: float,
+    weight: tuple[float, float, float],
+) -> tuple[float, float, float]:
+    """Return angle [rad], rate [rad/s] and acceleration [rad/s^2] of one joint.
 
     Args:
         c: Its cubic, highest power first.
         s: Time since the segment's first knot [s].
         moves: 0 where the motion rests, 1 elsewhere.
         home: Home angle [rad].
-        w: Weight of the motion.
-        dw: Its rate [1/s].
+        weight: Weight of the motion, its rate [1/s] and the rate of that [1/s^2].
     """
+    w, dw, ddw = weight
     q = ((c[0] * s + c[1]) * s + c[2]) * s + c[3]
     dq = moves * ((3.0 * c[0] * s + 2.0 * c[1]) * s + c[2])
+    ddq = moves * (6.0 * c[0] * s + 2.0 * c[1])
     away = q - home
-    return home + w * away, w * dq + dw * away
+    rate = w * dq + dw * away
+    return home + w * away, rate, w * ddq + 2.0 * dw * dq + ddw * away
 
 
 @kernel
@@ -87,22 +94,22 @@ def play(
     cubics: np.ndarray,
     loops: int,
     t: float,
-    weight: tuple[float, float],
+    weight: tuple[float, float, float],
     home: np.ndarray,
     out: np.ndarray,
 ) -> None:
-    """Write angles [rad] and rates [rad/s] of a motion, (2, m).
+    """Write angles [rad], rates [rad/s] and accelerations of a motion, (3, m).
 
     Args:
         knots: Its knots [s], (n,).
         cubics: The cubics between them, highest power first, (n - 1, 4, m).
         loops: Whether it repeats.
         t: Time since its start [s].
-        weight: Its weight against home, and the rate of that [1/s].
+        weight: Its weight against home, and two rates of that, as `find_weight`.
         home: Home angles [rad], (m,).
         out: Where they go.
     """
     k, s, moves = find_segment(knots, loops, t)
     for i in range(len(home)):
         c = cubics[k, :, i]
-        out[0, i], out[1, i] = blended(c, s, moves, home[i], weight[0], weight[1])
+        out[0, i], out[1, i], out[2, i] = blended(c, s, moves, home[i], weight)

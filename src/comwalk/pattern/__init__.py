@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from .records import WORK as WORK
     from .reference import Phase as Phase
     from .reference import Reference as Reference
+    from .reference import bend_of_minimum_jerk as bend_of_minimum_jerk
     from .reference import fill_reference as fill_reference
     from .reference import fill_references as fill_references
     from .reference import minimum_jerk as minimum_jerk

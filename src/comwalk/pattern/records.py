@@ -16,6 +16,8 @@ FOOT = np.dtype(
         ("yaw", "f8"),  # [rad]
         ("velocity", "f8", 3),  # [m/s]
         ("yaw_rate", "f8"),  # [rad/s]
+        ("acceleration", "f8", 3),  # [m/s^2]
+        ("yaw_acceleration", "f8"),  # [rad/s^2]
     ],
     align=True,
 )

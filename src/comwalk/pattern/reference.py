@@ -12,7 +12,7 @@ double support, and whatever joins them at rest.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import NamedTuple
 
@@ -20,6 +20,7 @@ import numpy as np
 
 from ..compiled import Record, kernel
 from ..sides import Side
+from .records import FOOT
 
 VERTICAL_SHARE = 0.02
 """Share of the swing at each end in which the foot moves vertically only [-]."""
@@ -27,7 +28,7 @@ VERTICAL_SHARE = 0.02
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FootMotion:
-    """Pose and velocity of the centre of a sole, which stays level."""
+    """Pose, velocity and acceleration of the centre of a sole, which stays level."""
 
     position: np.ndarray
     """Centre of the sole [m], shape (3,), world; z = 0 on the ground."""
@@ -40,6 +41,12 @@ class FootMotion:
 
     yaw_rate: float
     """Rate of the heading [rad/s]."""
+
+    acceleration: np.ndarray = field(default_factory=lambda: np.zeros(3))
+    """Acceleration of the centre of the sole [m/s^2], shape (3,), world."""
+
+    yaw_acceleration: float = 0.0
+    """Rate of the rate of the heading [rad/s^2]."""
 
 
 class Phase(IntEnum):
@@ -199,9 +206,13 @@ def reference_of(record: np.void) -> Reference:
 
 
 def _foot_of(record: np.void) -> FootMotion:
-    position, velocity = record["position"].copy(), record["velocity"].copy()
     return FootMotion(
-        position, float(record["yaw"]), velocity, float(record["yaw_rate"])
+        record["position"].copy(),
+        float(record["yaw"]),
+        record["velocity"].copy(),
+        float(record["yaw_rate"]),
+        record["acceleration"].copy(),
+        float(record["yaw_acceleration"]),
     )
 
 
@@ -221,7 +232,7 @@ def record_of(reference: Reference, record: np.void) -> None:
     for foot, motion in zip(
         record["feet"], (reference.left, reference.right), strict=True
     ):
-        for name in ("position", "yaw", "velocity", "yaw_rate"):
+        for name in FOOT.names or ():
             foot[name] = getattr(motion, name)
 
 
@@ -308,6 +319,22 @@ def minimum_jerk(s: float) -> tuple[float, float]:
 
 
 @kernel
+def bend_of_minimum_jerk(s: float) -> float:
+    """Return the second slope of `minimum_jerk`.
+
+    Args:
+        s: Progress [-].
+
+    Example:
+        >>> bend_of_minimum_jerk(0.25)
+        5.625
+    """
+    if s <= 0.0 or s >= 1.0:
+        return 0.0
+    return 60.0 * s * (1.0 - s) * (1.0 - 2.0 * s)
+
+
+@kernel
 def fill_com(piece: Record, s: float, omega: float, reference: Record) -> None:
     """Write CoM and ZMP of a phase, Eqs. (4), (5), (9), (10), s [s] after its start."""
     S, scale = piece.duration, piece.inverse_sinh
@@ -357,23 +384,30 @@ def fill_feet(piece: Record, s: float, reference: Record) -> None:
         foot, pose = reference.feet[k], piece.resting[k]
         foot.position[0], foot.position[1] = pose[0], pose[1]
         foot.position[2], foot.yaw = 0.0, pose[2]
-        foot.velocity[0] = foot.velocity[1] = foot.velocity[2] = foot.yaw_rate = 0.0
+        for i in range(3):
+            foot.velocity[i] = foot.acceleration[i] = 0.0
+        foot.yaw_rate = foot.yaw_acceleration = 0.0
     swinging = piece.swinging
     if swinging < 0:
         return
     S, height = piece.duration, piece.clearance
     x = s / S
-    h, dh = minimum_jerk((x - VERTICAL_SHARE) / _MIDDLE)
+    middle = (x - VERTICAL_SHARE) / _MIDDLE
+    h, dh = minimum_jerk(middle)
     dh /= _MIDDLE * S
-    bow = x * (1.0 - x)
+    ddh = bend_of_minimum_jerk(middle) / (_MIDDLE * S) ** 2
+    bow, slope = x * (1.0 - x), 1.0 - 2.0 * x
     foot = reference.feet[swinging]
     for i in range(2):
         foot.position[i] += h * piece.travel[i]
         foot.velocity[i] = dh * piece.travel[i]
+        foot.acceleration[i] = ddh * piece.travel[i]
     foot.yaw += h * piece.travel[2]
     foot.yaw_rate = dh * piece.travel[2]
+    foot.yaw_acceleration = ddh * piece.travel[2]
     foot.position[2] = height * (64.0 * bow**3)
-    foot.velocity[2] = height * (192.0 * bow * bow * (1.0 - 2.0 * x) / S)
+    foot.velocity[2] = height * (192.0 * bow * bow * slope / S)
+    foot.acceleration[2] = height * (384.0 * bow * (slope * slope - bow) / (S * S))
 
 
 # Not of Python's int, of which a kernel would be compiled for each value.

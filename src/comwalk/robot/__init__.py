@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 from ..lazy import exports_of
 
 if TYPE_CHECKING:
+    from .compiled_robot import bodies_of as bodies_of
     from .compiled_robot import flatten as flatten
     from .compiled_robot import links_in as links_in
     from .compiled_solver import BatchResolver as BatchResolver

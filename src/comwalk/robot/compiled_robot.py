@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..compiled import records
-from ..embedding import ANY_AXIS, LIMB, LINK, LONGEST, SITE, SLIDE, Flat
+from ..embedding import ANY_AXIS, BODY, LIMB, LINK, LONGEST, SITE, SLIDE, Flat
 from ..errors import ModelError
 from .kinematics import Kinematics
 from .model import Robot
@@ -125,3 +125,27 @@ def _limbs(robot: Robot, parents: np.ndarray, links_of_sites: np.ndarray) -> np.
             limbs["site"][i] = site
         site += 1
     return limbs
+
+
+def bodies_of(robot: Robot) -> np.ndarray:
+    """Return the inertias of a robot's links as records of `BODY`, at rest.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        New records, one for the body center and one for each joint's link.
+    """
+    zero, m = _at_zero(robot), robot.model
+    link_of = _links(robot, zero)[1]
+    bodies, anchors = records(BODY, m.njnt), zero.data.xanchor
+    for b in np.flatnonzero(m.body_rootid == robot.base_body):
+        body, mass = bodies[link_of[b]], float(m.body_mass[b])
+        axes = zero.data.ximat[b].reshape(3, 3)
+        arm = zero.data.xipos[b] - anchors[link_of[b]]
+        body["mass"] += mass
+        body["first"] += mass * arm
+        body["inertia"] += axes @ np.diag(m.body_inertia[b]) @ axes.T
+        body["inertia"] += mass * (arm @ arm * np.eye(3) - np.outer(arm, arm))
+    bodies["armature"][1:] = m.dof_armature[6:]
+    return bodies

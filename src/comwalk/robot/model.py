@@ -16,6 +16,7 @@ from typing import Any
 import mujoco
 import numpy as np
 
+from ..control import Actuation, JointServos
 from ..embedding import JointLimit, Limb
 from ..errors import ModelError, ParameterError, checked_number
 from ..sides import Side
@@ -26,7 +27,7 @@ from .kinematic_tree import Skeleton
 from .loaders import ModelFile, profile_of_known, read_model
 from .mimic import Coupling
 from .profile import Profile, ServoGains, check_names, read_profile
-from .servos import Gains, set_gains, set_torque
+from .servos import Gains, set_gains, set_torque, soften_servos
 
 LEGS = {Side.LEFT: "left_leg", Side.RIGHT: "right_leg"}
 """Names of the two legs among a robot's limbs."""
@@ -119,6 +120,19 @@ class Robot:
     """Joints that follow others, None if none does."""
     profile: Profile = field(default_factory=Profile)
     """What its profile says, and what it walks with by default."""
+    actuation: Actuation = Actuation.POSITION
+    """What its joints take."""
+
+    @property
+    def servos(self) -> JointServos | None:
+        """Gains of the joints if they take torques; None if positions alone."""
+        n, gains = len(self.joints), self.servo
+        if self.actuation is Actuation.POSITION:
+            return None
+        if self.actuation is Actuation.TORQUE:
+            return JointServos(np.zeros(n), np.zeros(n))
+        passive = self.model.dof_damping[6:]
+        return JointServos(gains.stiffness, gains.damping - passive)
 
     @property
     def mass(self) -> float:
@@ -195,6 +209,8 @@ def load_robot(
     stiffness: float = 1.0,
     profile: str | Path | Mapping[str, Any] | None = None,
     geometry: bool = False,
+    actuation: Actuation | str | None = None,
+    pd: tuple[float, float, float] | None = None,
 ) -> Robot:
     """Load a robot by name, or from a URDF or MJCF file.
 
@@ -204,6 +220,9 @@ def load_robot(
         profile: TOML file, or table of its keys, that tells what cannot be seen in
             the robot's file, or is to be otherwise; see `profile.Profile`.
         geometry: Whether meshes are loaded, for pictures; nothing else depends on it.
+        actuation: What its joints take; as its data suggest if None.
+        pd: Gains under torque instead of its own: of all joints but ankles, of ankles
+            [N m/rad], and the velocity gain of all [N m s/rad].
 
     Returns:
         The robot.
@@ -225,11 +244,16 @@ def load_robot(
     _set_armature(file.spec, told.servo)
     marked = is_marked(file.spec)
     anatomy = _read_marked(file, told) if marked else mark(file, told)
+    takes = Actuation.POSITION if actuation is None else Actuation(actuation)
+    if takes is not Actuation.POSITION:
+        model = compile_model(file.spec, f"robot {file.path}")
+        home = _home(model, file.path, told if marked else Profile())
+        soften_servos(file.spec, model, anatomy, home, pd)
     for actuator in file.spec.actuators:
         actuator.gainprm[0] *= factor
         actuator.biasprm[1] *= factor
         actuator.biasprm[2] *= factor
-    return _robot_of(file, anatomy, told)
+    return _robot_of(file, anatomy, told, takes)
 
 
 def _set_limits(file: ModelFile, profile: Profile) -> None:
@@ -290,7 +314,9 @@ def _read_marked(file: ModelFile, profile: Profile) -> Anatomy:
     return anatomy
 
 
-def _robot_of(file: ModelFile, anatomy: Anatomy, profile: Profile) -> Robot:
+def _robot_of(
+    file: ModelFile, anatomy: Anatomy, profile: Profile, actuation: Actuation
+) -> Robot:
     """Return the robot of a model that has all that walking needs."""
     model, path = compile_model(file.spec, f"robot {file.path}"), file.path
     joints = tuple(model.joint(i).name for i in range(1, model.njnt))
@@ -324,6 +350,7 @@ def _robot_of(file: ModelFile, anatomy: Anatomy, profile: Profile) -> Robot:
         notes=(*file.notes, *anatomy.notes),
         coupling=coupling,
         profile=profile,
+        actuation=actuation,
     )
 
 

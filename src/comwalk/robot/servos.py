@@ -35,6 +35,15 @@ SOFTEST = 5.0
 """Gain of a leg's servo, in units of weight times CoM height, under which a note
 warns [1/rad]."""
 
+PD_STIFFNESS, PD_ANKLES = 0.4, 0.4
+"""Position gain of legs under torque, in units of weight times CoM height [1/rad], and
+that of ankles as a share of it [-]."""
+
+PD_FREQUENCY, PD_DAMPING = 62.8, 2.0
+"""Natural frequency [rad/s] and damping [-] of a rotor alone on its gains under torque,
+as current sim-to-real code chooses them."""
+
+_PD_ARM, _PD_LEAST = 15.0, 0.05  # of free limbs [rad/s]; least gain, as `PD_STIFFNESS`
 _LEAST = 2e-3  # smallest gain of an arm's servo, as a share of a leg's
 _IDLE = 1e-3  # gains of a joint that follows another, as a share of the leader's
 _SLIDE = 0.3  # lever by which a slide's gain stands for a hinge's, in CoM heights
@@ -148,6 +157,57 @@ def design_servos(model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray) -> Des
         gains[mimic.joint] = lead.times(_IDLE)
         gains[mimic.primary] = lead.times(1.0 + mimic.ratio**2)
     return Design(gains, ARMATURE * r, weight * height)
+
+
+def soften_servos(
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    anatomy: Anatomy,
+    q: np.ndarray,
+    pd: tuple[float, float, float] | None = None,
+) -> None:
+    """Give joints that torques are fed forward to the gains that builders choose.
+
+    Gains of the file or the profile stay if the legs' are soft.
+
+    Args:
+        spec: The model with its position servos, changed in place.
+        model: The same, compiled.
+        anatomy: Its parts.
+        q: The walking posture.
+        pd: Gains of all joints but ankles, of ankles [N m/rad], and velocity gain of
+            all [N m s/rad], instead.
+    """
+    design = design_servos(model, anatomy, q)
+    legs = {j for leg in anatomy.legs.values() for j in leg}
+    ankles = {j for leg in anatomy.legs.values() for j in leg[-2:]}
+    servos = [a for a in spec.actuators if a.target in design.gains]
+    own = [-a.biasprm[1] for a in servos if a.target in legs - {*anatomy.designed}]
+    soft = bool(own) and min(own) < SOFTEST * design.weight
+    for actuator in servos:
+        name = actuator.target
+        if pd is not None:
+            gains = Gains(pd[1] if name in ankles else pd[0], pd[2])
+        elif soft and name not in anatomy.designed:
+            continue
+        else:
+            gains = _pd_gains(model, name, design, name in legs, name in ankles)
+        set_gains(actuator, gains)
+
+
+def _pd_gains(
+    model: mujoco.MjModel, name: str, design: Design, leg: bool, ankle: bool
+) -> Gains:
+    """Return the gains of a joint under torque."""
+    joint = model.joint(name)
+    rotor = float(model.dof_armature[joint.dofadr[0]])
+    most = PD_STIFFNESS * design.weight * (PD_ANKLES if ankle else 1.0)
+    stiffness = min(rotor * PD_FREQUENCY**2, most) if rotor > 0.0 else most
+    if not leg:
+        moved = design.gains[name].stiffness / ARM_FREQUENCY**2
+        least = _PD_LEAST * design.weight
+        stiffness = min(max(stiffness, moved * _PD_ARM**2, least), most)
+    return Gains(stiffness, 2.0 * PD_DAMPING / PD_FREQUENCY * stiffness)
 
 
 def add_servos(

@@ -66,13 +66,14 @@ def dance_at(
     joints: np.ndarray,
     t: float,
 ) -> None:
-    """Write angles and rates of the embedded motion at a time [s] to its joints."""
+    """Write how the embedded motion moves its joints at a time [s]."""
     k, s, moves = find_segment(knots, dance.loops, t - dance.start)
-    w, dw = find_weight(dance, t)
+    weight = find_weight(dance, t)
     m = len(moved)
     for i in range(m):
         joint, c = joints[moved[i]], cubics[4 * m * k + i : 4 * m * (k + 1) : m]
-        joint.dance, joint.dance_rate = blended(c, s, moves, joint.home, w, dw)
+        q, dq, ddq = blended(c, s, moves, joint.home, weight)
+        joint.dance, joint.dance_rate, joint.dance_acceleration = q, dq, ddq
 
 
 # ---- What is wanted ---------------------------------------------------------------
@@ -145,7 +146,9 @@ def keeps_limits(
 
 
 @kernel
-def _push(flat: Flat, k: int, wrench: tuple, share: float, joints: np.ndarray) -> None:
+def push_on(
+    flat: Flat, k: int, wrench: tuple, share: float, joints: np.ndarray
+) -> None:
     """Take away the torques of a share of the ground's wrench at the end of limb k."""
     f_x, f_y, f_z, m_x, m_y, m_z = wrench
     limb = flat.limbs[k]
@@ -186,8 +189,8 @@ def plan_torques(
     x = reference.zmp[0] - load * x_l - (1.0 - load) * x_r
     y = reference.zmp[1] - load * y_l - (1.0 - load) * y_r
     wrench = (f_x, f_y, f_z, y * f_z, -x * f_z, x * f_y - y * f_x)
-    _push(flat, 0, wrench, load, joints)
-    _push(flat, 1, wrench, 1.0 - load, joints)
+    push_on(flat, 0, wrench, load, joints)
+    push_on(flat, 1, wrench, 1.0 - load, joints)
     for j in range(len(joints) - 1, -1, -1):
         leader = links[1 + j].leader
         if leader:
@@ -208,7 +211,7 @@ def set_points(
     """Write the set-points of all joints [rad]; rules, state and joints are read."""
     for j in range(len(joints)):
         out[j] = q[7 + j]
-        if rules.compensate:
+        if rules.compensate and not rules.by_torque:
             joint = joints[j]
             load = joint.torque * state.mass_ratio + joint.damping * v[6 + j]
             out[j] += load / joint.stiffness

@@ -102,7 +102,7 @@ def feel_tilt(flat: Flat, rules: Record, state: Record, imu: np.ndarray) -> None
 
 
 @kernel
-def _remainder(angle: float) -> float:
+def remainder(angle: float) -> float:
     """Return an angle in [-pi, pi], as `math.remainder` does of a whole turn."""
     return angle - math.tau * np.rint(angle / math.tau)
 
@@ -126,7 +126,7 @@ def change_support(
     foot, away = reference.feet[new], state.offsets[new]
     away[0] = p + c * x - s * y - foot.position[0]
     away[1] = q + s * x + c * y - foot.position[1]
-    away[2] = _remainder(yaw + math.atan2(b, a) - foot.yaw)
+    away[2] = remainder(yaw + math.atan2(b, a) - foot.yaw)
     state.support = new
 
 

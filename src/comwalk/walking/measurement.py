@@ -77,7 +77,7 @@ def _find_com(flat: Flat, state: Record, origin: Record) -> None:
 
 
 @kernel
-def _find_zmp(
+def find_zmp(
     flat: Flat, rules: Record, state: Record, wrenches: Record, origin: Record
 ) -> None:
     """Find load and ZMP; without load, the last ZMP is kept."""
@@ -121,7 +121,7 @@ def measure(
     b[0], b[1], b[2] = site_point(flat, SOLE + support)
     b[3], b[4], yaw = foothold(state, reference, support)
     b[5], b[6] = math.cos(yaw), math.sin(yaw)
-    _find_zmp(flat, rules, state, felt, b)
+    find_zmp(flat, rules, state, felt, b)
     for k in range(2):
         feel_edges(rules, state, k, felt[6 * k : 6 * k + 6])
     _find_com(flat, state, b)

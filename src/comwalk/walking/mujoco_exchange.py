@@ -23,7 +23,9 @@ from .tick import (
     AT_REFERENCE,
     AT_SENSED,
     AT_SET_POINTS,
+    AT_SPEEDS,
     AT_STATE,
+    AT_TORQUES,
 )
 
 _I8, _F8 = np.dtype(np.int64), np.dtype(np.float64)
@@ -72,6 +74,9 @@ class SceneArrays(NamedTuple):
     """Joint rates as the robot senses them [rad/s]."""
     inertial: np.ndarray
     """Gyro [rad/s] and accelerometer [m/s^2] as it senses them, (6,)."""
+    gains: np.ndarray
+    """Position gains, then velocity gains, that torques are fed forward to; empty if
+    the actuators take positions."""
 
 
 # Places of `SceneArrays` in their handle.
@@ -81,6 +86,7 @@ IN_ACTUATOR_FORCE, IN_XFRC_APPLIED, IN_COM = range(6, 9)
 IN_LINKS, IN_ACTUATORS, IN_ANKLES = range(9, 12)
 IN_IMU, IN_FEET, IN_FELT = range(12, 15)
 IN_GROUND, IN_TABLE, IN_PLACES, IN_RATES, IN_INERTIAL = range(15, 20)
+IN_GAINS = 20
 
 PLACES = (
     *("joints", "joint_rates", "joint_set_points", "qpos", "qvel", "ctrl"),
@@ -144,7 +150,7 @@ def sense(scene: np.ndarray, tick: np.ndarray, steps: int) -> None:
     for k in range(len(rates)):
         rates[k] = qvel[6 + k]
     for k in range(6):
-        inertial[k] = readings[imu[4 + k]]
+        inertial[k] = taken[16 + k] = readings[imu[4 + k]]
 
 
 @kernel
@@ -239,7 +245,7 @@ def _keep(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None:
 
 @kernel
 def command(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None:
-    """Set the set-points of the next period, and write the k-th row of the log.
+    """Give the next period its command, and write the k-th row of the log.
 
     Args:
         scene: Handle of `SceneArrays`.
@@ -248,7 +254,13 @@ def command(scene: np.ndarray, tick: np.ndarray, k: int, seconds: float) -> None
         seconds: How long the tick took [s].
     """
     ctrl, actuators = floats_at(scene, IN_CTRL), records_at(scene, IN_ACTUATORS, _I8)
-    out = floats_at(tick, AT_SET_POINTS)
-    for j in range(len(out)):
+    out, speeds = floats_at(tick, AT_SET_POINTS), floats_at(tick, AT_SPEEDS)
+    torques, gains = floats_at(tick, AT_TORQUES), floats_at(scene, IN_GAINS)
+    n = len(out)
+    for j in range(n):
         ctrl[actuators[j]] = out[j]
+        if len(gains):
+            ctrl[actuators[j]] = (
+                torques[j] + gains[j] * out[j] + gains[n + j] * speeds[j]
+            )
     _keep(scene, tick, k, seconds)

@@ -156,4 +156,5 @@ def scene_arrays(plant: SimulatedRobot, table: np.ndarray) -> SceneArrays:
         np.array([kind.itemsize, *offsets], dtype=np.int64),
         np.zeros(len(plant.joint_names)),
         np.zeros(6),
+        plant.gains.ravel(),
     )

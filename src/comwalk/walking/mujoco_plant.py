@@ -100,6 +100,9 @@ class SimulatedRobot:
         """Averages over the last period: what the ankle sensors read; torque about the
         world's origin and force on each foot."""
         self._tick = 0
+        self.gains = np.zeros((0 if robot.servos is None else 2, len(robot.joints)))
+        """Position and velocity gains that torques are fed forward to, (2, joints);
+        none if joints take positions alone."""
         self._pushes = list(self.settings.pushes)
         self.pushable = pushable or bool(self._pushes)
         """Whether it may be pushed."""
@@ -122,24 +125,59 @@ class SimulatedRobot:
         """
         self._sent.clear()
         self.data.ctrl[self._actuators] = command.positions
-        mujoco.mj_step(self.model, self.data, round(_SETTLING / self.settings.timestep))
+        if len(self.gains):
+            self._hold_still()
+        steps = round(_SETTLING / self.settings.timestep)
+        mujoco.mj_step(self.model, self.data, steps - steps // 2)
+        if len(self.gains):  # what takes torques is taken over at rest
+            self._average(self._substeps(steps // 2))
+        else:
+            mujoco.mj_step(self.model, self.data, steps // 2)
         settled = self.data.qpos.copy()
         mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = settled
+        if len(self.gains):
+            self._take_torques(command)
         self.write(command)
         # Sensors need a forward pass; on a copy, it leaves no trace in the run.
         mujoco.mj_copyData(self.probe, self.model, self.data)
         mujoco.mj_forward(self.model, self.probe)
         self.data.sensordata[:] = self.probe.sensordata
-        self._average([self.probe])
+        if not len(self.gains):
+            self._average([self.probe])
         self._readings.clear()
         return self._delayed(self._sense(self.probe))
 
     def write(self, command: Command) -> None:
-        """Set the set-points of the next period, and the pushes that act in it."""
+        """Give the motors a command, and set the pushes that act in the period."""
         self.data.ctrl[self._actuators] = command.positions
+        if len(self.gains):
+            k_p, k_d = self.gains
+            self.data.ctrl[self._actuators] *= k_p
+            self.data.ctrl[self._actuators] += (
+                command.torques + k_d * command.velocities
+            )
         self.delay()
         self.begin(self._tick)
+
+    def _hold_still(self) -> None:
+        """Hold joints that take torques where they are, as on a stand, by stiff gains.
+
+        Soft joints need the controller to stand, which runs from the first period on.
+        """
+        m, driving, robot = self.model, self._actuators, self.robot
+        stiff = _HOLDING * robot.mass * robot.gravity * robot.com_height
+        m.actuator_gainprm[driving, 0] = stiff
+        m.actuator_biasprm[driving, 1] = -stiff
+        m.actuator_biasprm[driving, 2] = -_HOLDING_LAG * stiff
+
+    def _take_torques(self, command: Command) -> None:
+        """Make joints exert what is fed forward and what their gains add."""
+        self.gains[:] = command.stiffness, command.damping
+        m, driving = self.model, self._actuators
+        m.actuator_ctrllimited[driving] = 0
+        m.actuator_gainprm[driving, 0] = 1.0
+        m.actuator_biasprm[driving, 1:3] = -self.gains.T
 
     def delay(self) -> None:
         """Put the set-points that arrive now in place of those just set."""
@@ -181,7 +219,7 @@ class SimulatedRobot:
         Forces are averages over the period, as an ankle sensor with an anti-aliasing
         filter gives: each new set-point makes them ring within it.
         """
-        self._average(self._substeps())
+        self._average(self._substeps(self.substeps))
         return self.advance()
 
     def advance(self) -> Sensors:
@@ -194,9 +232,9 @@ class SimulatedRobot:
         self._readings.append(sensors)
         return self._readings[0]
 
-    def _substeps(self) -> Iterator[mujoco.MjData]:
-        """Simulate one period, and offer the state after each physics step."""
-        for _ in range(self.substeps):
+    def _substeps(self, count: int) -> Iterator[mujoco.MjData]:
+        """Simulate, and offer the state after each physics step."""
+        for _ in range(count):
             mujoco.mj_step(self.model, self.data)
             yield self.data
 
@@ -315,6 +353,7 @@ _FLOOR = "comwalk_floor"
 # By default MuJoCo's dry friction creeps: a servo's error would be gone in 0.3 s.
 _STICKING = (0.004, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)  # solref, solimp
 _SETTLING = 0.5  # time to come to rest before a run [s]
+_HOLDING, _HOLDING_LAG = 200.0, 0.1  # stiffness in m g h [1/rad], and its damping [s]
 
 
 def build_scene(

@@ -7,6 +7,7 @@ keeps.
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -40,6 +41,14 @@ RULES = np.dtype(
         ("embed", "i8"),
         ("compensate", "i8"),
         ("solvable", "i8"),  # whether the kernels resolve this robot's tasks
+        # Control by torque.
+        ("by_torque", "i8"),
+        ("com_share", "f8"),  # of that on the CoM's velocity [-]
+        ("tilt_share", "f8"),  # coefficient of the filter on the IMU's tilt [-]
+        ("rate_share", "f8"),  # coefficient of the filter on joint rates [-]
+        ("com_servo", "f8"),  # k_v [1/s]
+        ("bandwidth", "f8"),  # of accelerations that hold postures [rad/s]
+        ("grip", "f8"),  # friction of the soles that is counted on [-]
     ],
     align=True,
 )
@@ -70,6 +79,21 @@ STATE = np.dtype(
         ("mass_ratio", "f8"),
         ("lean", "f8", 2),
         ("seen", "i8"),
+        # What control by torque estimates and gives up.
+        ("readings", "i8"),
+        ("turn", "f8", 4),  # orientation of the IMU, quaternion wxyz
+        ("origin", "f8", 7),
+        ("com_velocity", "f8", 3),  # [m/s]
+        ("seen_velocity", "f8", 3),  # of the CoM, by the joints [m/s]
+        ("slow_velocity", "f8", 3),  # of the CoM, after the joints' filter [m/s]
+        ("com_bias", "f8", 3),  # [m/s^2]
+        ("com_asked", "f8", 3),  # the CoM's acceleration of the last tick [m/s^2]
+        ("twist", "f8", 6),
+        ("drift", "f8", 6),
+        ("away", "f8", 6),  # error of the swing foot [m; rad]
+        ("shifted", "f8"),  # by how much the ZMP asked for was moved into the sole [m]
+        ("slid", "f8"),  # force beyond the friction [N]
+        ("weak", "i8"),  # joints at their torque limits
     ],
     align=True,
 )
@@ -80,12 +104,14 @@ JOINT = np.dtype(
         ("lower", "f8"),
         ("upper", "f8"),
         ("speed", "f8"),
+        ("most", "f8"),  # torque limit [N m]
         ("stiffness", "f8"),
         ("damping", "f8"),
         ("home", "f8"),
         ("torque", "f8"),  # planned [N m]
         ("dance", "f8"),  # angle of the embedded motion [rad]
         ("dance_rate", "f8"),  # its rate [rad/s]
+        ("dance_acceleration", "f8"),  # its acceleration [rad/s^2]
     ],
     align=True,
 )
@@ -146,6 +172,13 @@ def rules_of(robot: Robot, period: float, settings: BodySettings) -> np.ndarray:
     r["most"] = max(round(WEIGHING_TIME / period), 1)
     r["embed"] = settings.embed_motion
     r["compensate"] = settings.deflection_compensation
+    r["com_share"] = low_pass_coefficient(settings.com_cutoff, period)
+    r["tilt_share"] = low_pass_coefficient(settings.tilt_cutoff, period)
+    r["rate_share"] = low_pass_coefficient(settings.rate_cutoff, period)
+    r["grip"] = settings.grip
+    omega = math.sqrt(robot.gravity / robot.com_height)
+    r["com_servo"] = omega * settings.com_servo
+    r["bandwidth"] = omega * settings.bandwidth
     return rules
 
 
@@ -171,7 +204,7 @@ def joints_of(robot: Robot) -> np.ndarray:
     for name in ("lower", "upper", "speed"):
         joints[name] = getattr(robot, name)
     joints["stiffness"], joints["damping"] = robot.servo.stiffness, robot.servo.damping
-    joints["home"] = robot.home[7:]
+    joints["home"], joints["most"] = robot.home[7:], robot.torque
     return joints
 
 

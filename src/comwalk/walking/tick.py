@@ -22,12 +22,15 @@ from ..control import (
     check_sensors,
 )
 from ..embedding import (
+    BODY,
     DANCE,
     SOLVED,
     Flat,
+    accelerate_links,
     find_levers,
     flat_at,
     integrate,
+    load_links,
     place_links,
     resolve,
     wanted_at,
@@ -35,8 +38,10 @@ from ..embedding import (
 from ..handles import floats_at, records_at
 from ..pattern import PHASE, REFERENCE, fill_reference
 from .action import dance_at, keeps_limits, plan_torques, set_points, want
+from .estimate import estimate, follow_rates, follow_tilt
 from .measurement import measure
 from .records import JOINT, RULES, STATE
+from .torques import aim_joints, bear_on_soles, want_accelerations
 
 HANDED_OVER = -1
 """What `act` and `tick` return where the robust solver has to resolve the task."""
@@ -80,7 +85,8 @@ class Arrays(NamedTuple):
     sensed: np.ndarray
     """The body center at the origin, then what the encoders read [rad]."""
     felt: np.ndarray
-    """What both ankle sensors feel (12), and the IMU's quaternion wxyz."""
+    """What both ankle sensors feel (12), and the IMU's quaternion wxyz, gyro [rad/s]
+    and accelerometer [m/s^2]."""
     law: np.ndarray
     """One record of `LAW`."""
     law_state: np.ndarray
@@ -95,6 +101,18 @@ class Arrays(NamedTuple):
     """The pattern's phases, `PHASE`; empty if references come from elsewhere."""
     pendulum: np.ndarray
     """omega_n [rad/s] and height [m] of the pattern's pendulum."""
+    bodies: np.ndarray
+    """Records of `BODY`: inertias of the links, and workspace."""
+    acceleration: np.ndarray
+    """Rate of v [m/s^2, rad/s^2], then the generalised forces [N, N m]."""
+    speeds: np.ndarray
+    """Set-points of the joints' rates [rad/s]."""
+    torques: np.ndarray
+    """Torques of the joints [N m], fed forward."""
+    encoders: np.ndarray
+    """What the encoders read last [rad]."""
+    rates: np.ndarray
+    """Joint rates, low-passed differences of that [rad/s]."""
 
 
 # Places of `Arrays` in their handle.
@@ -102,6 +120,8 @@ AT_RULES, AT_STATE, AT_JOINTS, AT_DANCE, AT_MOVED = range(4, 9)
 AT_KNOTS, AT_CUBICS, AT_REFERENCE, AT_Q, AT_V = range(9, 14)
 AT_SET_POINTS, AT_SENSED, AT_FELT, AT_LAW, AT_LAW_STATE = range(14, 19)
 AT_PAST, AT_WATCH, AT_GUARD, AT_TABLE, AT_PENDULUM = range(19, 24)
+AT_BODIES, AT_ACCELERATION, AT_SPEEDS, AT_TORQUES = range(24, 28)
+AT_ENCODERS, AT_RATES = range(28, 30)
 
 
 @kernel
@@ -123,6 +143,23 @@ def take_measurement(handle: np.ndarray) -> None:
     state = records_at(handle, AT_STATE, STATE)[0]
     reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
     sensed, felt = floats_at(handle, AT_SENSED), floats_at(handle, AT_FELT)
+    if rules.by_torque:
+        rates, last = floats_at(handle, AT_RATES), floats_at(handle, AT_ENCODERS)
+        follow_rates(rules, state, sensed, felt[16:19], last, rates)
+        follow_tilt(rules, state, felt[12:16], felt[16:19])
+        estimate(
+            flat_at(handle),
+            records_at(handle, AT_BODIES, BODY),
+            rules,
+            state,
+            sensed,
+            felt,
+            rates,
+            reference,
+            floats_at(handle, AT_Q),
+            floats_at(handle, AT_V),
+        )
+        return
     scratch = wanted_at(handle)[0].scratch
     measure(flat_at(handle), rules, state, sensed, felt, reference, scratch)
 
@@ -131,7 +168,7 @@ def take_measurement(handle: np.ndarray) -> None:
 def sense(handle: np.ndarray) -> int:
     """Measure, unless a sensor is dead, and return what the guard finds."""
     felt = floats_at(handle, AT_FELT)
-    status = check_sensors(floats_at(handle, AT_SENSED)[7:], felt[:12], felt[12:])
+    status = check_sensors(floats_at(handle, AT_SENSED)[7:], felt[:12], felt[12:16])
     if status != WALKS:
         return status
     take_measurement(handle)
@@ -160,13 +197,19 @@ def control(handle: np.ndarray) -> None:
 
 @kernel
 def _place_commanded(flat: Flat, handle: np.ndarray, rules: Record) -> None:
-    """Place the robot as commanded, and find where its motion is."""
+    """Place the robot as commanded."""
     reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
-    joints = records_at(handle, AT_JOINTS, JOINT)
     place_links(flat.links, floats_at(handle, AT_Q))
     find_levers(flat)
-    if rules.compensate:
-        plan_torques(flat, rules, reference, joints)
+    if rules.compensate or rules.by_torque:
+        plan_torques(flat, rules, reference, records_at(handle, AT_JOINTS, JOINT))
+
+
+@kernel
+def _find_dance(handle: np.ndarray) -> None:
+    """Find where the embedded motion is."""
+    reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
+    joints = records_at(handle, AT_JOINTS, JOINT)
     dance = records_at(handle, AT_DANCE, DANCE)[0]
     moved = records_at(handle, AT_MOVED, _I8)
     if len(moved):
@@ -179,6 +222,7 @@ def pose_task(handle: np.ndarray) -> None:
     """Write the task of the tick: CoM, trunk, feet and the embedded motion."""
     flat, rules = flat_at(handle), records_at(handle, AT_RULES, RULES)[0]
     _place_commanded(flat, handle, rules)
+    _find_dance(handle)
     want(
         flat,
         rules,
@@ -211,6 +255,77 @@ def finish(handle: np.ndarray, dt: float) -> None:
         v,
         floats_at(handle, AT_SET_POINTS),
     )
+    torques, speeds = floats_at(handle, AT_TORQUES), floats_at(handle, AT_SPEEDS)
+    joints = records_at(handle, AT_JOINTS, JOINT)
+    for j in range(len(joints)):
+        speeds[j], torques[j] = v[6 + j], joints[j].torque
+
+
+@kernel
+def want_motion(handle: np.ndarray) -> None:
+    """Write the task of the tick in accelerations."""
+    _find_dance(handle)
+    want_accelerations(
+        flat_at(handle),
+        records_at(handle, AT_BODIES, BODY),
+        records_at(handle, AT_RULES, RULES)[0],
+        records_at(handle, AT_STATE, STATE)[0],
+        records_at(handle, AT_LAW_STATE, LAW_STATE)[0],
+        wanted_at(handle)[0],
+        records_at(handle, AT_JOINTS, JOINT),
+        records_at(handle, AT_MOVED, _I8),
+        floats_at(handle, AT_Q),
+        floats_at(handle, AT_V),
+        records_at(handle, AT_REFERENCE, REFERENCE)[0],
+    )
+
+
+@kernel
+def exert(handle: np.ndarray) -> None:
+    """Write the torques of the accelerations that were resolved, and set-points."""
+    flat, bodies = flat_at(handle), records_at(handle, AT_BODIES, BODY)
+    rules = records_at(handle, AT_RULES, RULES)[0]
+    state = records_at(handle, AT_STATE, STATE)[0]
+    joints = records_at(handle, AT_JOINTS, JOINT)
+    q, v = floats_at(handle, AT_Q), floats_at(handle, AT_V)
+    both = floats_at(handle, AT_ACCELERATION)
+    a, t = both[: len(v)], both[len(v) :]
+    accelerate_links(flat, bodies, a)
+    load_links(flat, bodies, a, rules.gravity, t)
+    reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
+    bear_on_soles(flat, rules, state, reference, t, joints)
+    torques = floats_at(handle, AT_TORQUES)
+    for j in range(len(joints)):
+        torques[j] = joints[j].torque
+    aim_joints(
+        flat,
+        bodies,
+        rules,
+        state,
+        wanted_at(handle)[0],
+        joints,
+        records_at(handle, AT_MOVED, _I8),
+        q,
+        v,
+        a,
+        reference,
+        floats_at(handle, AT_SET_POINTS),
+        floats_at(handle, AT_SPEEDS),
+    )
+
+
+@kernel
+def act_by_torque(handle: np.ndarray) -> int:
+    """Resolve the task into accelerations, and write torques and set-points."""
+    want_motion(handle)
+    rules = records_at(handle, AT_RULES, RULES)[0]
+    both, v = floats_at(handle, AT_ACCELERATION), floats_at(handle, AT_V)
+    if not rules.solvable:
+        return HANDED_OVER
+    if resolve(flat_at(handle), wanted_at(handle)[0], both[: len(v)]) != SOLVED:
+        return HANDED_OVER
+    exert(handle)
+    return WALKS
 
 
 @kernel
@@ -221,9 +336,11 @@ def act(handle: np.ndarray) -> int:
         `WALKS`; or `HANDED_OVER` near singular postures and at joint limits, where the
         robust solver has to find `v`, and `finish` to be called.
     """
+    rules = records_at(handle, AT_RULES, RULES)[0]
+    if rules.by_torque:
+        return act_by_torque(handle)
     pose_task(handle)
     q, v = floats_at(handle, AT_Q), floats_at(handle, AT_V)
-    rules = records_at(handle, AT_RULES, RULES)[0]
     joints = records_at(handle, AT_JOINTS, JOINT)
     if not rules.solvable:
         return HANDED_OVER

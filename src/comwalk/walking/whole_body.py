@@ -51,13 +51,14 @@ from ..pattern import (
     record_of,
     reference_of,
 )
-from ..robot import LEGS, Kinematics, Robot, can_resolve, flatten
+from ..robot import LEGS, Kinematics, Robot, bodies_of, can_resolve, flatten
 from ..sides import Side
 from .records import STATE, dance_of, joints_of, rules_of
 from .tick import (
     HANDED_OVER,
     Arrays,
     act,
+    exert,
     finish,
     look_up,
     pose_task,
@@ -89,7 +90,7 @@ class WholeBody:
             motion: Motion of arms, waist or head, in absolute joint angles.
             settings: How it follows its commands.
         """
-        self.robot, self.period = robot, period
+        self.robot, self.period, self.servos = robot, period, robot.servos
         self.joint_names = robot.joints
         self.settings = settings or BodySettings()
         self.motion = motion
@@ -103,9 +104,11 @@ class WholeBody:
         """All that a tick reads and writes."""
         self.handle = handle_of(*self.arrays)
         """The same, for kernels."""
-        self._positions, self._rates = self.arrays.sensed[7:], self.arrays.v[6:]
+        self._positions = self.arrays.sensed[7:]
         self._wrenches = self.arrays.felt[:12].reshape(2, 6)
-        self._orientation = self.arrays.felt[12:]
+        self._orientation, self._gyro, self._acceleration = np.split(
+            self.arrays.felt[12:], (4, 7)
+        )
 
     def _arrays(self) -> Arrays:
         """Return the arrays of a body in the robot's home posture."""
@@ -114,6 +117,8 @@ class WholeBody:
         wanted["threshold"], wanted["factor"] = damping.threshold, damping.factor
         flat, rules = walk_records(robot), rules_of(robot, self.period, self.settings)
         rules["solvable"] = can_resolve(robot, flat)
+        if self.servos is not None:  # weighed as it is taken over, at rest
+            rules["by_torque"], rules["most"] = True, 1
         state = records(STATE)
         state["left_share"], state["mass_ratio"], state["feedback_scale"] = (
             0.5,
@@ -134,13 +139,17 @@ class WholeBody:
             np.zeros(6 + n),
             np.zeros(n),
             sensed,
-            np.zeros(16),
+            np.zeros(22),
             records(LAW),
             records(LAW_STATE),
             np.zeros(4),
             *guard_of(Watch()),
             np.zeros(0),
             np.zeros(2),
+            bodies_of(robot),
+            np.zeros(2 * (6 + n)),
+            *np.zeros((3, n)),
+            np.zeros(n + 3),
         )
 
     @property
@@ -237,6 +246,7 @@ class WholeBody:
         self._positions[:] = sensors.positions
         self._wrenches[:] = sensors.wrenches
         self._orientation[:] = sensors.orientation
+        self._gyro[:], self._acceleration[:] = sensors.gyro, sensors.acceleration
 
     @property
     def measured(self) -> Measurement:
@@ -274,7 +284,9 @@ class WholeBody:
             handle: What it was called with.
         """
         self.resolution = None
-        if status == HANDED_OVER:
+        if status == HANDED_OVER and self.servos is not None:
+            self._accelerate(handle)
+        elif status == HANDED_OVER:
             posture = self._commanded.posture(self.configuration)
             resolution = self._resolver.resolve_within(
                 posture, self.task, self._rate_limits()
@@ -285,10 +297,24 @@ class WholeBody:
             self.arrays.v[:] = resolution.velocity
             finish(handle, self.period)
 
+    def _accelerate(self, handle: np.ndarray) -> None:
+        """Resolve accelerations robustly."""
+        posture = self._commanded.posture(self.configuration)
+        resolution = self._resolver.resolve(posture, self.task)
+        if self.robot.coupling is not None:
+            self.robot.coupling.unfold(resolution.velocity)
+        self.resolution = resolution
+        self.arrays.acceleration[: len(self.arrays.v)] = resolution.velocity
+        exert(handle)
+
     @property
     def command(self) -> Command:
         """The last set-points."""
-        return Command(self.arrays.set_points.copy(), self._rates.copy())
+        arrays = self.arrays
+        positions, speeds = arrays.set_points.copy(), arrays.speeds.copy()
+        if self.servos is None:
+            return Command(positions, speeds)
+        return Command(positions, speeds, arrays.torques.copy(), *self.servos)
 
     @property
     def task(self) -> Task:
@@ -382,6 +408,7 @@ class WholeBodyTicker:
         watched, guard = guard_of(watch)
         arrays = body.arrays._replace(watch=watched, guard=guard)
         if isinstance(controller, WalkingController):
+            controller.law["integrates"] = body.servos is None
             arrays = arrays._replace(
                 law=controller.law,
                 law_state=controller.state,

@@ -1,0 +1,319 @@
+r"""From the law's CoM velocity to the torques of all joints.
+
+The inner loop of Fig. 4 for a robot that is commanded by torque. A velocity servo makes
+the CoM follow the law,
+
+.. math::
+    \ddot c^* = \ddot c_d + k_v (u - \dot c), \quad
+    p^* = c - \frac{c_z}{g + \ddot c_z^*} \ddot c^*
+
+with p^* held inside the soles. Trunk, feet and all else get the accelerations that hold
+them on their references. They are resolved by the equations of the velocities, (14) to
+(27), one derivative higher; Newton and Euler give the torques.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from ..compiled import Record, kernel
+from ..embedding import (
+    SOLVED,
+    Flat,
+    move_site,
+    resolve_limb,
+    site_point,
+    site_rotation,
+    turn_to_level,
+)
+from ..pattern import Phase
+from .action import push_on
+from .foot_contact import foothold
+
+LEFT_ALONE, RIGHT_ALONE = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
+
+TRUNK_SHARE = 0.5
+"""How fast the trunk is brought back, as a share of all else: noise of its gyro shakes
+the heaviest link [-]."""
+SOLE_SHARE = 0.9
+"""Share of the soles that the ZMP asked for may use [-]."""
+
+
+@kernel
+def _support(flat: Flat, reference: Record) -> tuple[bool, bool]:
+    """Return whether the left and the right foot are to bear the robot."""
+    phase = reference.phase
+    return phase != RIGHT_ALONE, phase != LEFT_ALONE
+
+
+@kernel
+def hold_in_soles(
+    flat: Flat, rules: Record, reference: Record, x: float, y: float
+) -> tuple[float, float, float, float, float]:
+    """Return the point of the support nearest to a point, and how both soles make it.
+
+    The support is taken as the boxes of both soles and all between them, with the axes
+    of the foot that bears more.
+
+    Returns:
+        The point, x and y [m], world; the share of the left foot [-]; and where each
+        sole presses from its centre, x and y [m], world.
+    """
+    left, right = _support(flat, reference)
+    a, b, _ = site_point(flat, flat.limbs[0].site)
+    c, d, _ = site_point(flat, flat.limbs[1].site)
+    share = 1.0 if left else 0.0
+    if left and right:
+        e, f = a - c, b - d
+        share = min(max(((x - c) * e + (y - d) * f) / (e * e + f * f), 0.0), 1.0)
+    o_x, o_y = share * a + (1.0 - share) * c, share * b + (1.0 - share) * d
+    k = 0 if share >= 0.5 else 1
+    yaw, half = reference.feet[k].yaw, rules.sole_half[k]
+    C, S = math.cos(yaw), math.sin(yaw)
+    u, v = C * (x - o_x) + S * (y - o_y), C * (y - o_y) - S * (x - o_x)
+    u = min(max(u, -SOLE_SHARE * half[0]), SOLE_SHARE * half[0])
+    v = min(max(v, -SOLE_SHARE * half[1]), SOLE_SHARE * half[1])
+    r_x, r_y = C * u - S * v, S * u + C * v
+    return o_x + r_x, o_y + r_y, share, r_x, r_y
+
+
+@kernel
+def _want_com(
+    flat: Flat, rules: Record, state: Record, law: Record, wanted: Record, ref: Record
+) -> None:
+    """Write the CoM's acceleration, its ZMP held inside the soles."""
+    W, k_v, c = rules.bandwidth, rules.com_servo, state.com
+    lift = W * W * (ref.com[2] - c[2]) - 2.0 * W * state.com_velocity[2]
+    lift = min(max(lift, -0.5 * rules.gravity), 0.5 * rules.gravity)
+    arm = c[2] / (rules.gravity + lift)
+    a_x = ref.com_acceleration[0] + k_v * (law.u[0] - state.com_velocity[0])
+    a_y = ref.com_acceleration[1] + k_v * (law.u[1] - state.com_velocity[1])
+    p_x, p_y = c[0] - arm * a_x, c[1] - arm * a_y
+    x, y, _, _, _ = hold_in_soles(flat, rules, ref, p_x, p_y)
+    state.shifted = math.hypot(x - p_x, y - p_y)
+    asked = state.com_asked
+    asked[0], asked[1], asked[2] = (c[0] - x) / arm, (c[1] - y) / arm, lift
+    for i in range(3):
+        wanted.com[i] = asked[i] - state.com_bias[i]
+
+
+@kernel
+def _want_foot(
+    flat: Flat,
+    bodies: np.ndarray,
+    rules: Record,
+    state: Record,
+    ref: Record,
+    k: int,
+    bears: bool,
+) -> None:
+    """Write the acceleration of foot k: to rest, or along its path."""
+    limb, foot, W = flat.limbs[k], ref.feet[k], rules.bandwidth
+    twist, drift, out, away = state.twist, state.drift, limb.twist, state.away
+    move_site(flat, bodies, limb.site, twist, drift)
+    if bears:
+        for i in range(6):
+            out[i] = -W * twist[i] - drift[i]
+        return
+    x_d, y_d, yaw_d = foothold(state, ref, k)
+    z_d = foot.position[2] + state.heights[1 - k]
+    x, y, z = site_point(flat, limb.site)
+    site_rotation(flat, limb.site, state.sensor)
+    away[0], away[1], away[2] = x_d - x, y_d - y, z_d - z
+    away[3], away[4], away[5] = turn_to_level(yaw_d, state.sensor, state.other)
+    for i in range(6):
+        out[i] = W * W * away[i] - 2.0 * W * twist[i] - drift[i]
+    for i in range(3):
+        out[i] += foot.acceleration[i] + 2.0 * W * foot.velocity[i]
+    out[5] += foot.yaw_acceleration + 2.0 * W * foot.yaw_rate
+
+
+@kernel
+def want_accelerations(
+    flat: Flat,
+    bodies: np.ndarray,
+    rules: Record,
+    state: Record,
+    law: Record,
+    wanted: Record,
+    joints: np.ndarray,
+    moved: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    reference: Record,
+) -> None:
+    """Write the task of a tick, less what happens while velocities are constant.
+
+    Args:
+        flat: The robot as it is estimated to be, with its levers.
+        bodies: Its links, with their velocities.
+        rules: Settings.
+        state: What was estimated.
+        law: What the law says, a record of `LAW_STATE`.
+        wanted: CoM's and trunk's accelerations go here, all else to the robot.
+        joints: Servos and limits, with the embedded motion.
+        moved: The joints that it moves.
+        q: The configuration.
+        v: The velocity.
+        reference: The reference.
+    """
+    W = rules.bandwidth
+    _want_com(flat, rules, state, law, wanted, reference)
+    x, y, z = turn_to_level(reference.heading, flat.links[0].R, state.other)
+    W *= TRUNK_SHARE
+    wanted.trunk[0] = W * W * x - 2.0 * W * v[3]
+    wanted.trunk[1] = W * W * y - 2.0 * W * v[4]
+    wanted.trunk[2] = W * W * z + 2.0 * W * (reference.heading_rate - v[5])
+    left, right = _support(flat, reference)
+    _want_foot(flat, bodies, rules, state, reference, 0, left)
+    _want_foot(flat, bodies, rules, state, reference, 1, right)
+    W = rules.bandwidth
+    for j in range(len(joints)):
+        flat.links[1 + j].desired_rate = (
+            W * W * (joints[j].home - q[7 + j]) - 2.0 * W * v[6 + j]
+        )
+    for i in range(len(moved)):
+        j = moved[i]
+        joint = joints[j]
+        flat.links[1 + j].desired_rate = (
+            joint.dance_acceleration
+            + W * W * (joint.dance - q[7 + j])
+            + 2.0 * W * (joint.dance_rate - v[6 + j])
+        )
+    for k in range(2):
+        for n in range(flat.limbs[k].own):
+            flat.links[flat.limbs[k].chain[n]].desired_rate = 0.0
+
+
+@kernel
+def aim_joints(
+    flat: Flat,
+    bodies: np.ndarray,
+    rules: Record,
+    state: Record,
+    wanted: Record,
+    joints: np.ndarray,
+    moved: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    a: np.ndarray,
+    reference: Record,
+    out: np.ndarray,
+    speeds: np.ndarray,
+) -> None:
+    """Write where each joint is to be, and how fast, for its own gains to hold it.
+
+    The legs that bear the robot are left where they are, so that torque alone moves it.
+    The swing leg goes to where its foot is to be while the body stays where it is:
+    against friction, the gains of light joints do more than their inertia times an
+    acceleration.
+
+    Args:
+        flat: The robot, placed.
+        bodies: Its links, with their velocities.
+        rules: Settings.
+        state: What was estimated; its `away` is the error of the swing foot.
+        wanted: Scratch.
+        joints: The robot's joints, with the embedded motion.
+        moved: The joints that it moves.
+        q: The configuration.
+        v: The velocity.
+        a: Its rate.
+        reference: The reference.
+        out: Set-points of the joints [rad].
+        speeds: Set-points of their rates [rad/s].
+    """
+    for j in range(len(joints)):
+        out[j], speeds[j] = joints[j].home, 0.0
+    for i in range(len(moved)):
+        j = moved[i]
+        out[j], speeds[j] = joints[j].dance, joints[j].dance_rate
+    left, right = _support(flat, reference)
+    for k in range(2):
+        limb, bears = flat.limbs[k], left if k == 0 else right
+        for n in range(limb.own):
+            j = limb.chain[n] - 1
+            out[j], speeds[j] = q[7 + j], v[6 + j] + rules.period * a[6 + j]
+        if not bears:
+            _aim_foot(flat, bodies, state, wanted, limb, reference.feet[k], out, speeds)
+
+
+@kernel
+def _aim_foot(
+    flat: Flat,
+    bodies: np.ndarray,
+    state: Record,
+    wanted: Record,
+    limb: Record,
+    foot: Record,
+    out: np.ndarray,
+    speeds: np.ndarray,
+) -> None:
+    """Write where the joints of a swinging leg are to be, unless it is singular."""
+    rest, twist = state.drift, limb.twist
+    for i in range(6):
+        twist[i], rest[i] = state.away[i], 0.0
+    if resolve_limb(flat, limb, wanted, rest[:3], rest[3:]) != SOLVED:
+        return
+    for n in range(limb.own):
+        out[limb.chain[n] - 1] += flat.links[limb.chain[n]].rate
+    for i in range(3):
+        twist[i], twist[3 + i] = foot.velocity[i], 0.0
+    twist[5] = foot.yaw_rate
+    if resolve_limb(flat, limb, wanted, bodies[0].velocity, bodies[0].spin) != SOLVED:
+        return
+    for n in range(limb.own):
+        speeds[limb.chain[n] - 1] = flat.links[limb.chain[n]].rate
+
+
+@kernel
+def bear_on_soles(
+    flat: Flat,
+    rules: Record,
+    state: Record,
+    reference: Record,
+    t: np.ndarray,
+    joints: np.ndarray,
+) -> None:
+    """Write the torques of a motion whose wrench the ground bears, within limits.
+
+    Args:
+        flat: The robot, placed.
+        rules: Settings.
+        state: The load that it was weighed with; what is given up goes here.
+        reference: The reference.
+        t: Generalised forces of the motion, `dynamics.load_links`.
+        joints: Where the torques go.
+    """
+    k, p = state.support, flat.links[0].p
+    ground = site_point(flat, flat.limbs[k].site)[2]
+    ratio = state.mass_ratio
+    f_x, f_y, f_z = ratio * t[0], ratio * t[1], max(ratio * t[2], 1.0)
+    c, s, lean = math.cos(reference.heading), math.sin(reference.heading), state.lean
+    # Moments about the point of the ground below the body center, and of the load.
+    m_x = ratio * t[3] - (p[2] - ground) * f_y + (s * lean[0] + c * lean[1]) * f_z
+    m_y = ratio * t[4] + (p[2] - ground) * f_x - (c * lean[0] - s * lean[1]) * f_z
+    x, y, share, r_x, r_y = hold_in_soles(
+        flat, rules, reference, p[0] - m_y / f_z, p[1] + m_x / f_z
+    )
+    state.shifted = max(
+        state.shifted, math.hypot(x - p[0] + m_y / f_z, y - p[1] - m_x / f_z)
+    )
+    m_z = ratio * t[5] - (x - p[0]) * f_y + (y - p[1]) * f_x
+    slip, most = math.hypot(f_x, f_y), rules.grip * f_z
+    state.slid = max(slip - most, 0.0)
+    if slip > most:
+        f_x, f_y = f_x * most / slip, f_y * most / slip
+    for j in range(len(joints)):
+        joints[j].torque = t[6 + j]
+    wrench = (f_x, f_y, f_z, r_y * f_z, -r_x * f_z, m_z + r_x * f_y - r_y * f_x)
+    push_on(flat, 0, wrench, share, joints)
+    push_on(flat, 1, wrench, 1.0 - share, joints)
+    state.weak = 0
+    for j in range(len(joints)):
+        joint = joints[j]
+        if abs(joint.torque) > joint.most:
+            joint.torque = math.copysign(joint.most, joint.torque)
+            state.weak += 1

@@ -386,7 +386,8 @@ def test_a_profile_is_given_to_the_loader(monkeypatch):
     from comwalk import robot
 
     def load(source, **options):
-        assert options == {"stiffness": 1.0, "profile": "mine.toml"}
+        joints = {"actuation": None, "pd": None}
+        assert options == {"stiffness": 1.0, "profile": "mine.toml", **joints}
         return paper()
 
     monkeypatch.setattr(robot, "load_robot", load)

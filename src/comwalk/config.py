@@ -35,26 +35,14 @@ MAX_SEED = 2**32 - 1
 
 
 @dataclass(frozen=True, kw_only=True)
-class RobotConfig:
-    """Settings shared by all commands that move a robot. Abstract."""
+class ModelConfig:
+    """The robot, and how its joints are driven. Abstract."""
 
     robot: str = setting(
         "paper", "Robot of `comwalk robots`, or path of a URDF or MJCF file"
     )
     profile: str | None = setting(
         None, "TOML file that tells what cannot be seen in the robot's file"
-    )
-    gains: Given[Gains] = setting(Given(Gains), "Gains of the walking control law")
-    control: Given[ControlSettings] = setting(
-        Given(ControlSettings), "Filter, delay and bounds of the controller"
-    )
-    body: BodySettings = setting(
-        BodySettings(), "How the whole body follows its commands"
-    )
-    simulator: SimulatorSettings = setting(SimulatorSettings(), "Physics")
-    pendulum: Given[Pendulum] = setting(Given(Pendulum), "The simplified model")
-    stiffness: float = setting(
-        1.0, "Factor on the stiffness of all servos", "", "(0, 100]"
     )
     actuation: Actuation | None = setting(
         None,
@@ -68,6 +56,30 @@ class RobotConfig:
         "N m/rad, N m/rad, N m s/rad",
         "[0, 1e6]",
         items=("joints", "ankles", "damping"),
+    )
+
+
+@dataclass(frozen=True, kw_only=True)
+class RobotConfig(ModelConfig):
+    """Settings shared by all commands that move a robot. Abstract."""
+
+    gains: Given[Gains] = setting(Given(Gains), "Gains of the walking control law")
+    control: Given[ControlSettings] = setting(
+        Given(ControlSettings), "Filter, delay and bounds of the controller"
+    )
+    body: BodySettings = setting(
+        BodySettings(), "How the whole body follows its commands"
+    )
+    simulator: SimulatorSettings = setting(SimulatorSettings(), "Physics")
+    pendulum: Given[Pendulum] = setting(Given(Pendulum), "The simplified model")
+    stiffness: float = setting(
+        1.0, "Factor on the stiffness of all servos", "", "(0, 100]"
+    )
+    sensors: Literal["auto", "ft", "torque", "none"] = setting(
+        "auto",
+        "How the ground is felt: by sensors at the ankles, by the joints' torques, or "
+        "not at all, which is the law with k_p = 0; auto is ft where joints take "
+        "positions, else torque",
     )
     push: tuple[str, ...] = setting(
         (),
@@ -100,6 +112,11 @@ class RobotConfig:
         check_settings(self)
         for text in self.push:
             parse_push(text)
+        if self.pd is not None and self.actuation not in (None, Actuation.PD):
+            raise ParameterError(
+                f"pd gives gains under torque, which actuation {self.actuation} has "
+                "not; leave one of them out"
+            )
 
     @property
     def physics(self) -> SimulatorSettings:
@@ -177,7 +194,9 @@ class WalkConfig(RobotConfig):
             ParameterError: If a value is out of range, or goes with another plant.
         """
         super().__post_init__()
-        wrong = ("motion", "push") if self.plant == "pendulum" else ("disturbance",)
+        wrong = ("disturbance",)
+        if self.plant == "pendulum":
+            wrong = ("motion", "push", "actuation", "pd")
         for name in wrong:
             if getattr(self, name):
                 other = "robot" if self.plant == "pendulum" else "pendulum"
@@ -249,19 +268,9 @@ class PatternConfig:
 
 
 @dataclass(frozen=True, kw_only=True)
-class CertifyConfig:
+class CertifyConfig(ModelConfig):
     """A certificate of gains."""
 
-    robot: str = setting(
-        "paper", "Robot of `comwalk robots`, or path of a URDF or MJCF file"
-    )
-    profile: str | None = setting(
-        None, "TOML file that tells what cannot be seen in the robot's file"
-    )
-    actuation: Actuation | None = same_setting(RobotConfig, "actuation")
-    """As `RobotConfig.actuation`."""
-    pd: tuple[float, float, float] | None = same_setting(RobotConfig, "pd")
-    """As `RobotConfig.pd`."""
     gains: Given[Gains] = setting(Given(Gains), "Gains of the walking control law")
     loop: Given[SampledLoop] = setting(
         Given(SampledLoop), "The loop as it runs; `comwalk identify` measures it"

@@ -369,7 +369,7 @@ def _setup(config: RobotConfig, robot: Robot, pattern: Pattern) -> Setup:
     control = Control(
         gains=gains,
         settings=config.control.over(settings),
-        body=config.body,
+        body=dataclasses.replace(config.body, sensors=config.sensors),
         period=period,
     )
     check_control(control, pattern.pendulum, servo_lag_of(robot, control.body))

@@ -19,7 +19,7 @@ from comwalk.setup import build_walk
 from comwalk.views.scene import scene_page
 from comwalk.views.scene_data import seen_of
 from comwalk.views.viewer import open_player
-from comwalk.walking.mujoco_plant import build_scene
+from comwalk.walking.mujoco_scene import build_scene
 
 playwright = pytest.importorskip(
     "playwright.sync_api", reason="pip install 'comwalk[test]' brings playwright"

@@ -33,7 +33,7 @@ from comwalk.walking.whole_body import WholeBody
 OMEGA = PAPER_PENDULUM.omega
 rows = SimpleNamespace(
     TIME=0, COM=1, COM_VELOCITY=4, COM_ACCELERATION=7, ZMP=10, PHASE=12, SUPPORT=13,
-    LEFT_LOAD=14, HEADING=15, LEFT_FOOT=19, RIGHT_FOOT=27,
+    LEFT_LOAD=14, HEADING=15, LEFT_FOOT=19, RIGHT_FOOT=31,
 )  # fmt: skip
 """Places of a reference's fields, one after the other."""
 
@@ -228,7 +228,7 @@ def test_any_joystick_is_continuous_obeys_the_pendulum_and_comes_to_rest(
     drift = np.diff(position, axis=0) - step * (velocity[1:] + velocity[:-1]) / 2
     assert np.abs(drift).max() < 2e-4  # the trapezoid's own error; a jump is not
     swings = np.isin(found[:, rows.PHASE], (Phase.SINGLE_LEFT, Phase.SINGLE_RIGHT))
-    feet = found[:, rows.LEFT_FOOT :].reshape(-1, 2, 8)[:, :, :2]
+    feet = found[:, rows.LEFT_FOOT :].reshape(-1, 2, 12)[:, :, :2]
     stance = feet[np.arange(len(feet)), found[:, rows.SUPPORT].astype(int)]
     assert np.abs(found[:, ZMP] - stance)[swings].max(initial=0.0) < 0.03
     np.testing.assert_allclose(velocity[-1], 0.0, atol=1e-12)
@@ -268,7 +268,7 @@ def test_the_change_of_plan_is_small_in_every_phase():
         online.set_velocity(-0.1, 0.05)
         found = walked(online, np.arange(moment, moment + 1.2, 0.02))
         swings = found[:, rows.PHASE] >= Phase.SINGLE_LEFT
-        feet = found[:, rows.LEFT_FOOT :].reshape(-1, 2, 8)[:, :, :2]
+        feet = found[:, rows.LEFT_FOOT :].reshape(-1, 2, 12)[:, :, :2]
         stance = feet[np.arange(len(feet)), found[:, rows.SUPPORT].astype(int)]
         assert np.abs(found[:, ZMP] - stance)[swings].max() < 0.015
 

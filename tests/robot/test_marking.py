@@ -19,7 +19,8 @@ from comwalk.robot.model import load_robot
 from comwalk.robot.servos import LEG_STIFFNESS
 from comwalk.run import simulate
 from comwalk.sides import Side
-from comwalk.walking.mujoco_plant import SimulatedRobot, build_scene
+from comwalk.walking.mujoco_plant import SimulatedRobot
+from comwalk.walking.mujoco_scene import build_scene
 from comwalk.walking.whole_body import WholeBody
 
 

@@ -20,7 +20,7 @@ from comwalk.robot.kinematics import Kinematics
 from comwalk.robot.loaders.sources import ROBOTS
 from comwalk.robot.model import LEGS, load_robot
 from comwalk.sides import Side
-from comwalk.walking.mujoco_plant import build_scene
+from comwalk.walking.mujoco_scene import build_scene
 from comwalk.walking.whole_body import WholeBody
 
 LEFT, RIGHT = Foothold(0.0, 0.09), Foothold(0.0, -0.09)

@@ -11,7 +11,8 @@ from comwalk.control.settings import SimulatorSettings
 from comwalk.errors import ParameterError
 from comwalk.replay import replay
 from comwalk.run import Run, simulate
-from comwalk.walking.mujoco_plant import SimulatedRobot, build_scene
+from comwalk.walking.mujoco_plant import SimulatedRobot
+from comwalk.walking.mujoco_scene import build_scene
 from comwalk.walking.whole_body import WholeBody
 
 

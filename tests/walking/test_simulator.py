@@ -24,7 +24,8 @@ from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.replay import replay
 from comwalk.run import simulate
 from comwalk.sides import Side
-from comwalk.walking.mujoco_plant import SimulatedRobot, build_scene, trunk_body
+from comwalk.walking.mujoco_plant import SimulatedRobot
+from comwalk.walking.mujoco_scene import build_scene, trunk_body
 from comwalk.walking.terrain import random_terrain
 
 PLAN = plan_steps(Gait(), 4)

@@ -441,6 +441,7 @@ def _summary_rows(s: dict[str, Any]) -> Iterator[tuple[str, str]]:
     yield "CoM error rms, true", _xy(com.get("true"))
     yield "CoM error rms, measured", _xy(com["measured"])
     yield "ZMP error rms", _xy(s["zmp_error_rms_mm"])
+    yield "ZMP error rms, true", _xy(s["zmp_error_true_rms_mm"])
     yield "largest ZMP deviation", _xy(s.get("zmp_deviation_max_mm"))
     for name, value in s.get("com_deviation_max_mm", {}).items():
         yield f"largest CoM deviation, {name}", _xy(value)

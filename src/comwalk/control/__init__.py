@@ -41,7 +41,7 @@ if TYPE_CHECKING:
     from .loop import Progress as Progress
     from .loop import Tick as Tick
     from .loop import Walkable as Walkable
-    from .loop import check_joints as check_joints
+    from .loop import check_plant as check_plant
     from .loop import walk as walk
     from .payload import RISE_TIME as RISE_TIME
     from .payload import WEIGHING_TIME as WEIGHING_TIME
@@ -58,6 +58,7 @@ if TYPE_CHECKING:
     from .sensing import Contact as Contact
     from .sensing import Measurement as Measurement
     from .sensing import zmp_from_wrenches as zmp_from_wrenches
+    from .settings import GROUND_SENSORS as GROUND_SENSORS
     from .settings import BodySettings as BodySettings
     from .settings import Control as Control
     from .settings import Push as Push

@@ -24,7 +24,7 @@ from .guard import (
     outcome_of,
 )
 from .law import Controller, ControlOutput
-from .plant import Command, Plant, Sensors
+from .plant import Actuation, Command, Plant, Sensors
 from .sensing import Contact, Measurement, zmp_from_wrenches
 
 Progress = Callable[[float], None]
@@ -159,7 +159,7 @@ def walk(
     Returns:
         The outcome. A fall, and an interruption by the user, are outcomes.
     """
-    check_joints(body, plant)
+    check_plant(body, plant)
     reference = pattern.at(0.0)
     controller.reset(reference.com, reference.zmp)
     command = body.start(reference)
@@ -186,8 +186,8 @@ def walk(
     return outcome
 
 
-def check_joints(body: Body, plant: Plant) -> None:
-    """Check that body and plant speak of the same joints in the same order.
+def check_plant(body: Body, plant: Plant) -> None:
+    """Check that body and plant speak of the same joints, and of the same commands.
 
     Args:
         body: What makes set-points.
@@ -204,6 +204,20 @@ def check_joints(body: Body, plant: Plant) -> None:
             f"joint {k + 1} is {mine} for the robot's model and {its} for the plant: "
             "a driver must use the model's joints in the model's order"
         )
+    # A driver that says nothing takes positions.
+    sent, taken = (getattr(x, "actuation", Actuation.POSITION) for x in (body, plant))
+    if sent is not taken:
+        raise ModelError(
+            f"the robot is loaded for joints that take {_TAKEN[sent]}, and those of "
+            f'the plant take {_TAKEN[taken]}: load it with actuation="{taken}"'
+        )
+
+
+_TAKEN = {
+    Actuation.POSITION: "positions",
+    Actuation.PD: "torques with gains",
+    Actuation.TORQUE: "torques alone",
+}
 
 
 class Body(Protocol):

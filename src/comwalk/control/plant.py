@@ -53,6 +53,9 @@ class Sensors:
     """Angular velocity of the IMU [rad/s], in its own frame, of shape (3,)."""
     acceleration: np.ndarray
     """What the accelerometer reads [m/s^2], in its own frame (at rest: g up), (3,)."""
+    torques: np.ndarray | None = None
+    """Torques that the motors report [N m] (or [N]), of shape (n,); None if they do not
+    report any."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,7 +103,8 @@ class Plant(Protocol):
     """A robot, real or simulated.
 
     The loop calls `start` once, then `write` and `read` in turn, and `stop` at the end
-    whatever happened.
+    whatever happened. A plant whose joints take torques has an attribute `actuation`,
+    which says so.
     """
 
     @property

@@ -9,6 +9,10 @@ from ..settings import check_settings, setting
 from .gains import Gains
 from .law import ControlSettings
 
+GROUND_SENSORS = ("ft", "torque", "none")
+"""How the ground is felt: by force and torque sensors at the ankles, by the torques of
+the joints, or not at all, which is the law with k_p = 0."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Push:
@@ -65,7 +69,7 @@ class SimulatorSettings:
     noise: float = setting(
         0.0,
         "Sensor noise, as a factor on 1e-4 rad (encoders), 5 N and 0.2 N m (ankle "
-        "sensors), 0.002 rad, 0.01 rad/s and 0.05 m/s^2 (IMU)",
+        "sensors), 0.002 rad, 0.01 rad/s and 0.05 m/s^2 (IMU), 0.2 N m (torques)",
         "",
         "[0, 100]",
     )
@@ -92,6 +96,13 @@ class SimulatorSettings:
         "Age of set-points when the servos get them, rounded to control periods",
         "s",
         "[0, 0.2]",
+    )
+    torque_error: float = setting(
+        0.0,
+        "Standard deviation of the errors of the gains of torques that joints report, "
+        "drawn once",
+        "",
+        "[0, 0.5]",
     )
     joint_friction: float = setting(
         0.0,
@@ -158,6 +169,28 @@ class BodySettings:
         "rad/s",
         "[0, 5]",
     )
+    sensors: str = "auto"
+    """How the ground is felt, one of `GROUND_SENSORS`; "auto": by ankle sensors where
+    joints take positions, else by torques."""
+    observer_cutoff: float = setting(
+        60.0,
+        "Cut-off of the observer that finds the ground's wrenches from torques",
+        "Hz",
+        "[1, 1000]",
+    )
+    known_friction: float = setting(
+        0.0,
+        "Dry friction of every joint that is known, besides the model's; it is taken "
+        "from the torques that are felt",
+        "N m",
+        "[0, 50]",
+    )
+    known_damping: float = setting(
+        0.0,
+        "Viscous friction of every joint that is known, besides the model's",
+        "N m s/rad",
+        "[0, 50]",
+    )
     com_servo: float = setting(
         5.0,
         "Gain k_v with which torques make the CoM's velocity follow the law, over "
@@ -209,9 +242,12 @@ class BodySettings:
         """Check the ranges.
 
         Raises:
-            ParameterError: If the feedback is out of range.
+            ParameterError: If a number is out of range, or a word unknown.
         """
         check_settings(self)
+        if self.sensors not in ("auto", *GROUND_SENSORS):
+            known = ", ".join(GROUND_SENSORS)
+            raise ParameterError(f"sensors must be {known}, got {self.sensors!r}")
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -28,12 +28,14 @@ if TYPE_CHECKING:
     from .kinematic_records import flat_at as flat_at
     from .kinematic_records import wanted_at as wanted_at
     from .kinematics import SOLVED as SOLVED
+    from .kinematics import end_columns as end_columns
     from .kinematics import find_levers as find_levers
     from .kinematics import integrate as integrate
     from .kinematics import place_links as place_links
     from .kinematics import resolve as resolve
     from .kinematics import resolve_at as resolve_at
     from .kinematics import resolve_limb as resolve_limb
+    from .kinematics import rotation as rotation
     from .kinematics import site_point as site_point
     from .kinematics import site_rotation as site_rotation
     from .kinematics import turned as turned

@@ -1,8 +1,8 @@
 r"""Dynamics on a robot's records: velocities, accelerations and joint torques.
 
 The resolution one derivative higher, and what it costs: with
-:math:`\dot v` resolved from :math:`A \dot v = b - \dot A v`, in which A is the matrix of
-Eqs. (14)-(27), the recursive Newton-Euler algorithm gives
+:math:`\dot v` resolved from :math:`A \dot v = b - \dot A v`, in which A is the matrix
+of Eqs. (14)-(27), the recursive Newton-Euler algorithm gives
 
 .. math:: t = M(q) \dot v + h(q, v)
 
@@ -175,15 +175,15 @@ def _load_link(R: Record, body: Record, gravity: float) -> None:
     f[0] = m * x + central[0] + tangent[0]
     f[1] = m * y + central[1] + tangent[1]
     f[2] = m * z + central[2] + tangent[2]
-    lift, t, I = _cross(s, (x, y, z)), body.turning, body.inertia
+    lift, t, inertia = _cross(s, (x, y, z)), body.turning, body.inertia
     w_x = R[0, 0] * w[0] + R[1, 0] * w[1] + R[2, 0] * w[2]
     w_y = R[0, 1] * w[0] + R[1, 1] * w[1] + R[2, 1] * w[2]
     w_z = R[0, 2] * w[0] + R[1, 2] * w[1] + R[2, 2] * w[2]
     t_x = R[0, 0] * t[0] + R[1, 0] * t[1] + R[2, 0] * t[2]
     t_y = R[0, 1] * t[0] + R[1, 1] * t[1] + R[2, 1] * t[2]
     t_z = R[0, 2] * t[0] + R[1, 2] * t[1] + R[2, 2] * t[2]
-    h = turned(I, (w_x, w_y, w_z))
-    gyric, own = _cross((w_x, w_y, w_z), h), turned(I, (t_x, t_y, t_z))
+    h = turned(inertia, (w_x, w_y, w_z))
+    gyric, own = _cross((w_x, w_y, w_z), h), turned(inertia, (t_x, t_y, t_z))
     n = turned(R, (own[0] + gyric[0], own[1] + gyric[1], own[2] + gyric[2]))
     for i in range(3):
         body.moment[i] = lift[i] + n[i]

@@ -2,8 +2,7 @@ r"""Compiled kinematics and resolution on a robot's records, Eqs. (14)-(27).
 
 `elimination.embed` writes Eqs. (26) and (27) out and is the one to read first; tests
 hold these kernels to it, to `robot.Kinematics` and to Pinocchio. As the trunk's rate is
-given, every limb with a given end is solved for in terms of the velocity of the body
-center,
+given, each limb with a given end is solved for in terms of the body center's velocity,
 
 .. math:: \dot q_i = a_i + B_i v_o, \quad
     G_i = J_i^T (J_i J_i^T + \lambda^2 I)^{-1}
@@ -167,6 +166,14 @@ def _end_column(link: Record, x: float, y: float, z: float) -> None:
 
 
 @kernel
+def end_columns(flat: Flat, limb: Record) -> None:
+    """Write the Jacobian of a limb's end, Eq. (15), to the links of its chain."""
+    x, y, z = site_point(flat, limb.site)
+    for n in range(limb.chain_length):
+        _end_column(flat.links[limb.chain[n]], x, y, z)
+
+
+@kernel
 def is_square(limb: Record) -> bool:
     """Return whether a limb has six joints for six given rows."""
     return limb.own == 6 and limb.rows == 63
@@ -249,9 +256,8 @@ def _inverse_factor(K: Record, lam2: float, L: Record) -> float:
 def _least_eigenvalue(L: Record, scratch: Record) -> float:
     """Return the least eigenvalue of the matrix whose inverse is L^T L.
 
-    By the power method on the inverse: the error of the quotient shrinks with the
-    square of the ratio of the two least eigenvalues, and is small from the start where
-    they are nearly equal.
+    By the power method on the inverse: its error shrinks with the square of the ratio
+    of the two least eigenvalues, and is small from the start where they are equal.
     """
     x, y = scratch[0], scratch[1]
     for r in range(6):
@@ -437,11 +443,11 @@ def resolve(flat: Flat, wanted: Record, v: np.ndarray) -> int:
 def resolve_limb(
     flat: Flat, limb: Record, wanted: Record, velocity: Record, spin: Record
 ) -> int:
-    """Resolve the twist of one limb's end alone, the body's being given, Eq. (18).
+    """Resolve the twist of one limb's end, the body's being given, Eq. (18).
 
     Args:
-        flat: The robot after `place_links`.
-        limb: The limb, with its twist. Joints that carry it are taken to rest.
+        flat: The robot, placed.
+        limb: The limb, with its twist. Joints that carry it rest.
         wanted: Scratch, and how singular limbs give way.
         velocity: Velocity of the body center [m/s], world, (3,).
         spin: Angular velocity of the body [rad/s], world, (3,).

@@ -244,7 +244,8 @@ def load_robot(
     _set_armature(file.spec, told.servo)
     marked = is_marked(file.spec)
     anatomy = _read_marked(file, told) if marked else mark(file, told)
-    takes = Actuation.POSITION if actuation is None else Actuation(actuation)
+    usual = Actuation.POSITION if pd is None else Actuation.PD
+    takes = usual if actuation is None else Actuation(actuation)
     if takes is not Actuation.POSITION:
         model = compile_model(file.spec, f"robot {file.path}")
         home = _home(model, file.path, told if marked else Profile())

@@ -46,6 +46,10 @@ def summarize(
     if "com_true" in log:
         com_errors["true"] = _rms_mm(log["com_ref"] - log["com_true"])
     zmp_error = log["zmp_ref_filtered"] - log["zmp_filtered"]
+    zmp_true = log["zmp_ref"] - log["zmp_true"] if "zmp_true" in log else zmp_error
+    zmp_true = zmp_true[np.isfinite(zmp_true).all(axis=1)]
+    if np.isnan(log["zmp"]).all():  # not measured
+        zmp_error = zmp_true
     figures: dict[str, Any] = {
         "outcome": str(outcome.end),
         "time_s": round(outcome.time, 6),
@@ -57,6 +61,7 @@ def summarize(
         "position_error_m": float(np.hypot(*position_error)),
         "com_error_rms_mm": com_errors,
         "zmp_error_rms_mm": _rms_mm(zmp_error),
+        "zmp_error_true_rms_mm": _rms_mm(zmp_true),
         "zmp_error_max_mm": float(1e3 * np.hypot(*zmp_error.T).max()),
         "command_bounded_pct": 100.0 * float(log["bounded"].mean()),
         "real_time_factor": float(log["t"][-1] / seconds),
@@ -205,7 +210,9 @@ def _largest_mm(error: np.ndarray) -> dict[str, float]:
 
 
 def _rms_mm(error: np.ndarray) -> dict[str, float]:
-    """Return the rms of x and y [mm]."""
+    """Return the rms of x and y [mm], 0 without any error."""
+    if not len(error):
+        return {"x": 0.0, "y": 0.0}
     x, y = (1e3 * np.sqrt(np.mean(error[:, :2] ** 2, axis=0))).tolist()
     return {"x": x, "y": y}
 

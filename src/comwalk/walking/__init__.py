@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from .mujoco_link import MujocoLink as MujocoLink
     from .mujoco_link import take_log as take_log
     from .mujoco_plant import SimulatedRobot as SimulatedRobot
-    from .mujoco_plant import build_scene as build_scene
+    from .mujoco_scene import build_scene as build_scene
     from .whole_body import WholeBody as WholeBody
     from .whole_body import WholeBodyTicker as WholeBodyTicker
 

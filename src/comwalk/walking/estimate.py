@@ -20,6 +20,7 @@ from ..embedding import (
     move_com,
     move_links,
     place_links,
+    rotation,
     site_point,
     site_rotation,
     turned,
@@ -121,14 +122,8 @@ def _quaternion_of(R: Record, out: np.ndarray) -> None:
 @kernel
 def _turn_body(flat: Flat, state: Record, imu: np.ndarray) -> None:
     """Write the body's rotation into `state.level`; its yaw is the IMU's own."""
-    w, x, y, z = imu[0], imu[1], imu[2], imu[3]
     R, S, out = state.other, state.sensor, state.level
-    s = 2.0 / (w * w + x * x + y * y + z * z)
-    R[0, 0], R[0, 1] = 1.0 - s * (y * y + z * z), s * (x * y - w * z)
-    R[0, 2], R[1, 0] = s * (x * z + w * y), s * (x * y + w * z)
-    R[1, 1], R[1, 2] = 1.0 - s * (x * x + z * z), s * (y * z - w * x)
-    R[2, 0], R[2, 1] = s * (x * z - w * y), s * (y * z + w * x)
-    R[2, 2] = 1.0 - s * (x * x + y * y)
+    rotation(imu[0], imu[1], imu[2], imu[3], R)
     site_rotation(flat, IMU, S)
     for i in range(3):
         for j in range(3):
@@ -284,36 +279,45 @@ def _follow_com(rules: Record, state: Record) -> None:
 
 
 @kernel
+def stand_upright(
+    flat: Flat, state: Record, sensed: np.ndarray, imu: np.ndarray, q: np.ndarray
+) -> None:
+    """Place the links as the IMU says the body is turned, its centre at the origin.
+
+    Args:
+        flat: The robot.
+        state: Scratch.
+        sensed: The body center at the origin, then the encoders [rad].
+        imu: The IMU's orientation, a quaternion wxyz.
+        q: Where the configuration goes, (7 + joints,).
+    """
+    place_links(flat.links, sensed)
+    _turn_body(flat, state, imu)
+    for j in range(len(q)):
+        q[j] = sensed[j]
+    _quaternion_of(state.level, q[3:7])
+    place_links(flat.links, q)
+
+
+@kernel
 def estimate(
     flat: Flat,
     bodies: np.ndarray,
     rules: Record,
     state: Record,
-    sensed: np.ndarray,
     felt: np.ndarray,
-    rates: np.ndarray,
     reference: Record,
-    q: np.ndarray,
-    v: np.ndarray,
 ) -> None:
-    """Find configuration, velocity, CoM and ZMP as the robot senses them.
+    """Find CoM and ZMP as the robot senses them.
 
     Args:
-        flat: The robot; it is left placed, with its levers.
-        bodies: Its links; they are left with their velocities.
+        flat: The robot, placed; it gets its levers.
+        bodies: Its links, with their velocities.
         rules: Settings.
         state: What is found goes here.
-        sensed: The body center at the origin, then the encoders [rad].
-        felt: Both ankle wrenches (12) [N, N m], the IMU's quaternion wxyz, its gyro
-            [rad/s] and accelerometer [m/s^2].
-        rates: Joint rates, then the gyro's [rad/s].
+        felt: Both ankle wrenches (12) [N, N m], then the IMU's quaternion wxyz.
         reference: The reference.
-        q: Where the configuration goes.
-        v: Where the velocity goes.
     """
-    n = len(v) - 6
-    estimate_posture(flat, rules, state, sensed, state.turn, reference, q)
-    estimate_velocity(flat, bodies, state, rates[n:], rates, v)
     move_com(flat, bodies, state.seen_velocity, state.com_bias)
     level, origin = state.level, state.origin
     for i in range(3):

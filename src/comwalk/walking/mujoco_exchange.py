@@ -20,6 +20,7 @@ from .records import ROW, STATE
 from .tick import (
     AT_FELT,
     AT_LAW_STATE,
+    AT_MOTORS,
     AT_REFERENCE,
     AT_SENSED,
     AT_SET_POINTS,
@@ -77,6 +78,8 @@ class SceneArrays(NamedTuple):
     gains: np.ndarray
     """Position gains, then velocity gains, that torques are fed forward to; empty if
     the actuators take positions."""
+    motors: np.ndarray
+    """Sums over a period of what the motors exert [N m]."""
 
 
 # Places of `SceneArrays` in their handle.
@@ -86,7 +89,7 @@ IN_ACTUATOR_FORCE, IN_XFRC_APPLIED, IN_COM = range(6, 9)
 IN_LINKS, IN_ACTUATORS, IN_ANKLES = range(9, 12)
 IN_IMU, IN_FEET, IN_FELT = range(12, 15)
 IN_GROUND, IN_TABLE, IN_PLACES, IN_RATES, IN_INERTIAL = range(15, 20)
-IN_GAINS = 20
+IN_GAINS, IN_MOTORS = 20, 21
 
 PLACES = (
     *("joints", "joint_rates", "joint_set_points", "qpos", "qvel", "ctrl"),
@@ -117,6 +120,15 @@ def feel_step(scene: np.ndarray, step: int) -> None:
         if step == 0:
             felt[k] = ground[k] = 0.0
         felt[k] += readings[ankles[k]]
+    exerted, actuators = (
+        floats_at(scene, IN_MOTORS),
+        records_at(scene, IN_ACTUATORS, _I8),
+    )
+    forces = floats_at(scene, IN_ACTUATOR_FORCE)
+    for k in range(len(exerted)):
+        if step == 0:
+            exerted[k] = 0.0
+        exerted[k] += forces[actuators[k]]
     com = floats_at(scene, IN_COM)
     x, y, z = com[0], com[1], com[2]
     for k in range(2):
@@ -145,6 +157,10 @@ def sense(scene: np.ndarray, tick: np.ndarray, steps: int) -> None:
         taken[12 + k] = readings[imu[k]]
     for k in range(7, len(sensed)):
         sensed[k] = qpos[k]
+    motors, exerted = floats_at(tick, AT_MOTORS), floats_at(scene, IN_MOTORS)
+    for k in range(len(motors)):
+        exerted[k] /= steps
+        motors[k] = exerted[k]
     rates, inertial = floats_at(scene, IN_RATES), floats_at(scene, IN_INERTIAL)
     qvel = floats_at(scene, IN_QVEL)
     for k in range(len(rates)):

@@ -157,4 +157,5 @@ def scene_arrays(plant: SimulatedRobot, table: np.ndarray) -> SceneArrays:
         np.zeros(len(plant.joint_names)),
         np.zeros(6),
         plant.gains.ravel(),
+        plant.motors,
     )

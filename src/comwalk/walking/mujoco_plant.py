@@ -6,6 +6,7 @@ simulator knows (`truth`) goes to the log alone.
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections import deque
 from collections.abc import Iterable, Iterator
@@ -15,12 +16,12 @@ import mujoco
 import numpy as np
 
 from ..control import Command, Push, Sensors, SimulatorSettings
-from ..errors import ModelError, ParameterError
+from ..errors import ParameterError
 from ..pattern import FootstepPlan
 from ..robot import Robot
 from ..sides import Side
+from .mujoco_scene import ankle_readings, build_scene, imu_readings, trunk_body
 from .sensor_model import SensorModel
-from .terrain import CELL, Terrain, random_terrain
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -69,7 +70,7 @@ class SimulatedRobot:
         """
         self.settings = settings or SimulatorSettings()
         self.robot = robot
-        self.joint_names = robot.joints
+        self.joint_names, self.actuation = robot.joints, robot.actuation
         self.period = period
         self.substeps = round(period / self.settings.timestep)
         if not math.isclose(self.substeps * self.settings.timestep, period):
@@ -84,21 +85,22 @@ class SimulatedRobot:
         self.sensors = SensorModel(self.settings, len(robot.joints), seed)
         """What makes readings of the truth."""
         self._actuators = robot.servo.actuators
-        self.imu = [_sensor(self.model, n) for n in ("imu_quat", "imu_gyro", "imu_acc")]
+        self.imu = imu_readings(self.model)
         """Where the IMU's readings stand in sensordata."""
-        self.ankles = np.array([_ankle_readings(self.model, side) for side in Side])
+        self.ankles = np.array([ankle_readings(self.model, side) for side in Side])
         """Where the ankles' forces and torques do, (2, 6)."""
         self.feet = self.model.site_bodyid[[robot.feet[side].site for side in Side]]
         """Bodies of the feet."""
         self._trunk = trunk_body(self.model)
-        late = round(self.settings.latency / period)
-        self._sent: deque[np.ndarray] = deque(
-            maxlen=round(self.settings.command_delay / period) + 1
-        )
-        self._readings: deque[Sensors] = deque(maxlen=late + 1)
+        ages = self.settings.command_delay, self.settings.latency
+        late, old = (round(age / period) + 1 for age in ages)
+        self._sent: deque[np.ndarray] = deque(maxlen=late)
+        self._readings: deque[Sensors] = deque(maxlen=old)
         self.felt, self.ground = np.zeros((2, 6)), np.zeros((2, 6))
         """Averages over the last period: what the ankle sensors read; torque about the
         world's origin and force on each foot."""
+        self.motors = np.zeros(len(robot.joints))
+        """The same of what the motors exert [N m], (joints,)."""
         self._tick = 0
         self.gains = np.zeros((0 if robot.servos is None else 2, len(robot.joints)))
         """Position and velocity gains that torques are fed forward to, (2, joints);
@@ -146,7 +148,18 @@ class SimulatedRobot:
         if not len(self.gains):
             self._average([self.probe])
         self._readings.clear()
-        return self._delayed(self._sense(self.probe))
+        return self._delayed(self._sense_at_rest())
+
+    def _sense_at_rest(self) -> Sensors:
+        """Return the first reading.
+
+        What takes torques was standing before it is taken over: an average.
+        """
+        if not len(self.gains):
+            return self._sense(self.probe)
+        readings = [self._sense(self.probe) for _ in range(_RESTING)]
+        columns = zip(*map(dataclasses.astuple, readings), strict=True)
+        return Sensors(*(np.mean(column, axis=0) for column in columns))
 
     def write(self, command: Command) -> None:
         """Give the motors a command, and set the pushes that act in the period."""
@@ -239,13 +252,15 @@ class SimulatedRobot:
             yield self.data
 
     def _average(self, states: Iterable[mujoco.MjData]) -> None:
-        """Average the ankle sensors and the ground forces over some states."""
-        self.felt[:], self.ground[:], count = 0.0, 0.0, 0
+        """Average ankle sensors, motors and ground forces over some states."""
+        self.felt[:], self.ground[:], self.motors[:], count = 0.0, 0.0, 0.0, 0
         for data in states:
+            self.motors += data.actuator_force[self._actuators]
             self.felt += data.sensordata.take(self.ankles)
             self.ground += self._ground_forces(data)
             count += 1
         self.felt /= count
+        self.motors /= count
         self.ground /= count
 
     def _ground_forces(self, data: mujoco.MjData) -> np.ndarray:
@@ -267,6 +282,7 @@ class SimulatedRobot:
                 data.qvel[6:].copy(),
                 -self.felt,
                 *(s[part].copy() for part in self.imu),
+                self.motors.copy(),
             )
         )
 
@@ -315,196 +331,6 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return b @ np.array([[0.0, z, -y], [-z, 0.0, x], [y, -x, 0.0]])
 
 
-def _ankle_readings(model: mujoco.MjModel, side: Side) -> list[int]:
-    parts = [_sensor(model, f"{side.value[0]}_{kind}") for kind in ("force", "torque")]
-    return [i for part in parts for i in range(part.start, part.stop)]
-
-
-def _sensor(model: mujoco.MjModel, name: str) -> slice:
-    """Return the place of a named sensor's reading in sensordata."""
-    index = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_SENSOR, name)
-    if index < 0:
-        raise ModelError(
-            f'the model has no sensor "{name}"; walking needs imu_quat, imu_gyro, '
-            "imu_acc and force and torque sensors named l_force, l_torque, r_force, "
-            "r_torque at the ankles"
-        )
-    start = int(model.sensor_adr[index])
-    return slice(start, start + int(model.sensor_dim[index]))
-
-
-def trunk_body(model: mujoco.MjModel) -> int:
-    """Return the body that pushes act on and that bears a payload.
-
-    Args:
-        model: A compiled robot.
-
-    Returns:
-        Index of the body that bears the IMU.
-
-    Raises:
-        ModelError: If there is no IMU.
-    """
-    _sensor(model, "imu_quat")
-    return int(model.site_bodyid[model.sensor("imu_quat").objid[0]])
-
-
-_FLOOR = "comwalk_floor"
-# By default MuJoCo's dry friction creeps: a servo's error would be gone in 0.3 s.
-_STICKING = (0.004, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)  # solref, solimp
 _SETTLING = 0.5  # time to come to rest before a run [s]
+_RESTING = 100  # readings of a robot at rest before it is taken over
 _HOLDING, _HOLDING_LAG = 200.0, 0.1  # stiffness in m g h [1/rad], and its damping [s]
-
-
-def build_scene(
-    robot: Robot, settings: SimulatorSettings, plan: FootstepPlan | None = None
-) -> mujoco.MjModel:
-    """Return the robot on a floor, with light.
-
-    Args:
-        robot: The robot.
-        settings: Physics.
-        plan: Where a rough floor is needed.
-
-    Returns:
-        The compiled model. Its joints are in the order of the robot's.
-
-    Raises:
-        ParameterError: If a rough floor is wanted without a plan.
-        PlanError: If the plan is too long for a rough floor.
-    """
-    spec = robot.spec.copy()
-    for light in spec.lights:  # those of a robot's file would add to ours
-        spec.delete(light)
-    for geom in spec.geoms:  # soles may have priority over the floor: both must slip
-        geom.friction[0] = min(geom.friction[0], settings.friction)
-    spec.option.timestep = settings.timestep
-    spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
-    spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
-    spec.option.impratio = 10.0
-    spec.worldbody.add_geom(
-        name=_FLOOR,
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[0, 0, 0.05],
-        material=_add_look(spec),
-        contype=1,
-        conaffinity=1,
-        friction=[settings.friction, 0.005, 0.0001],
-    )
-    if settings.terrain:
-        if plan is None:
-            raise ParameterError("simulator.terrain needs a plan to lie under")
-        terrain = random_terrain(plan, settings.terrain, settings.terrain_seed)
-        _add_terrain(spec, terrain, settings)
-    if settings.payload:
-        _add_payload(spec, robot, settings.payload)
-    for joint in spec.joints:
-        if joint.type != mujoco.mjtJoint.mjJNT_FREE:
-            joint.damping[0] += settings.joint_damping
-            if settings.joint_friction:
-                joint.frictionloss += settings.joint_friction
-                joint.solref_friction[:], joint.solimp_friction[:] = _STICKING
-    return spec.compile()
-
-
-_BOX_BIT = 1 << 20  # of contype and conaffinity: soles against boxes
-_BOX_DEPTH = 0.05  # how far boxes go below the floor [m]
-
-
-def _add_terrain(
-    spec: mujoco.MjSpec, terrain: Terrain, settings: SimulatorSettings
-) -> None:
-    """Add the boxes of a rough floor, which only the soles can touch."""
-    for site in ("l_sole", "r_sole"):
-        for geom in spec.site(site).parent.geoms:
-            if geom.contype or geom.conaffinity:
-                geom.contype |= _BOX_BIT
-    side = CELL / 2
-    for (x, y), height in zip(
-        terrain.centers.tolist(), terrain.heights.tolist(), strict=True
-    ):
-        half = (height + _BOX_DEPTH) / 2
-        light = 0.72 + 0.2 * height / settings.terrain
-        spec.worldbody.add_geom(
-            type=mujoco.mjtGeom.mjGEOM_BOX,
-            pos=[x, y, height - half],
-            size=[side, side, half],
-            rgba=[light, light, light + 0.02, 1.0],
-            contype=0,
-            conaffinity=_BOX_BIT,
-            friction=[settings.friction, 0.005, 0.0001],
-        )
-
-
-_BEHIND = 0.12  # how far behind the trunk's CoM a payload is [m]
-_PAYLOAD_SIZE = np.array([0.06, 0.12, 0.15])  # half lengths of its box [m]
-
-
-def _add_payload(spec: mujoco.MjSpec, robot: Robot, share: float) -> None:
-    """Add a box on the back: a body of its own, since a geom's mass may not count."""
-    model, data = robot.model, mujoco.MjData(robot.model)
-    data.qpos[:] = robot.home
-    mujoco.mj_kinematics(model, data)
-    trunk = trunk_body(model)
-    # Behind is against the way the soles point, whatever the axes of the trunk.
-    x, y = data.site_xmat[robot.feet[Side.LEFT].site][[0, 3]]
-    c, s = np.array([x, y]) / np.hypot(x, y)
-    upright = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-    axes = data.xmat[trunk].reshape(3, 3).T @ upright
-    quat, mass = np.empty(4), share * robot.mass
-    mujoco.mju_mat2Quat(quat, axes.ravel())
-    squares = _PAYLOAD_SIZE**2
-    body = spec.body(model.body(trunk).name).add_body(
-        name="comwalk_payload",
-        pos=model.body_ipos[trunk] - _BEHIND * axes[:, 0],
-        quat=quat.tolist(),
-        mass=mass,
-        ipos=[0.0, 0.0, 0.0],  # MuJoCo would take the body's own place
-        iquat=[1.0, 0.0, 0.0, 0.0],
-        inertia=mass / 3.0 * (squares.sum() - squares),
-        explicitinertial=True,
-    )
-    body.add_geom(
-        type=mujoco.mjtGeom.mjGEOM_BOX,
-        size=_PAYLOAD_SIZE,
-        rgba=[0.72, 0.42, 0.22, 1.0],
-        contype=0,
-        conaffinity=0,
-        mass=0.0,
-    )
-
-
-def _add_look(spec: mujoco.MjSpec) -> str:
-    """Add sky, light and a floor material; return the material's name."""
-    spec.visual.global_.offwidth, spec.visual.global_.offheight = 1280, 960
-    spec.visual.quality.offsamples, spec.visual.quality.shadowsize = 4, 2048
-    spec.visual.headlight.ambient = np.full(3, 0.45, np.float32)
-    spec.visual.headlight.diffuse = np.full(3, 0.35, np.float32)
-    spec.visual.map.znear = 0.02
-    spec.add_texture(
-        name="comwalk_sky",
-        type=mujoco.mjtTexture.mjTEXTURE_SKYBOX,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_GRADIENT,
-        rgb1=[0.86, 0.90, 0.95],
-        rgb2=[0.55, 0.64, 0.75],
-        width=256,
-        height=256,
-    )
-    spec.add_texture(
-        name="comwalk_tiles",
-        type=mujoco.mjtTexture.mjTEXTURE_2D,
-        builtin=mujoco.mjtBuiltin.mjBUILTIN_CHECKER,
-        rgb1=[0.78, 0.80, 0.82],
-        rgb2=[0.70, 0.72, 0.75],
-        width=512,
-        height=512,
-    )
-    material = spec.add_material(name=_FLOOR, texrepeat=[2.5, 2.5], texuniform=True)
-    material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "comwalk_tiles"
-    spec.worldbody.add_light(
-        name="comwalk_sun",
-        pos=[0, 0, 4],
-        dir=[0.25, 0.35, -1],
-        diffuse=[0.5, 0.5, 0.5],
-    ).type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    return _FLOOR

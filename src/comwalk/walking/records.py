@@ -13,7 +13,12 @@ from typing import NamedTuple
 import numpy as np
 
 from ..compiled import records
-from ..control import WEIGHING_TIME, BodySettings, low_pass_coefficient
+from ..control import (
+    GROUND_SENSORS,
+    WEIGHING_TIME,
+    BodySettings,
+    low_pass_coefficient,
+)
 from ..embedding import DANCE, EmbeddedMotion, rotate_twist
 from ..robot import Foot, Kinematics, Robot
 from ..sides import Side
@@ -41,6 +46,10 @@ RULES = np.dtype(
         ("embed", "i8"),
         ("compensate", "i8"),
         ("solvable", "i8"),  # whether the kernels resolve this robot's tasks
+        # How the ground is felt: 0 by ankle sensors, 1 by torques, 2 not at all.
+        ("sensing", "i8"),
+        ("observer_share", "f8"),  # coefficient of the observer's filter [-]
+        ("com_height", "f8"),  # of the standing robot [m]
         # Control by torque.
         ("by_torque", "i8"),
         ("com_share", "f8"),  # of that on the CoM's velocity [-]
@@ -105,6 +114,8 @@ JOINT = np.dtype(
         ("upper", "f8"),
         ("speed", "f8"),
         ("most", "f8"),  # torque limit [N m]
+        ("dry", "f8"),  # friction that is known of [N m]
+        ("viscous", "f8"),  # the same per rate [N m s/rad]
         ("stiffness", "f8"),
         ("damping", "f8"),
         ("home", "f8"),
@@ -175,7 +186,14 @@ def rules_of(robot: Robot, period: float, settings: BodySettings) -> np.ndarray:
     r["com_share"] = low_pass_coefficient(settings.com_cutoff, period)
     r["tilt_share"] = low_pass_coefficient(settings.tilt_cutoff, period)
     r["rate_share"] = low_pass_coefficient(settings.rate_cutoff, period)
-    r["grip"] = settings.grip
+    r["grip"], r["com_height"] = settings.grip, robot.com_height
+    r["observer_share"] = low_pass_coefficient(settings.observer_cutoff, period)
+    sensors = settings.sensors
+    if sensors == "auto":
+        sensors = "ft" if robot.servos is None else "torque"
+    r["sensing"] = GROUND_SENSORS.index(sensors)
+    if sensors == "none":
+        r["calibration"] = False
     omega = math.sqrt(robot.gravity / robot.com_height)
     r["com_servo"] = omega * settings.com_servo
     r["bandwidth"] = omega * settings.bandwidth
@@ -194,17 +212,20 @@ def _describe(r: np.void, robot: Robot) -> None:
         r["sole_half"][k] = sensor.half_length, sensor.half_width
 
 
-def joints_of(robot: Robot) -> np.ndarray:
+def joints_of(robot: Robot, settings: BodySettings) -> np.ndarray:
     """Return the servos and limits of a robot as records of `JOINT`.
 
     Args:
         robot: The robot.
+        settings: Tells what friction is known besides the model's.
     """
     joints = records(JOINT, len(robot.joints))
     for name in ("lower", "upper", "speed"):
         joints[name] = getattr(robot, name)
     joints["stiffness"], joints["damping"] = robot.servo.stiffness, robot.servo.damping
     joints["home"], joints["most"] = robot.home[7:], robot.torque
+    joints["dry"] = robot.model.dof_frictionloss[6:] + settings.known_friction
+    joints["viscous"] = robot.model.dof_damping[6:] + settings.known_damping
     return joints
 
 

@@ -17,6 +17,7 @@ _ENCODER_NOISE = 1e-4  # [rad]
 _TURN_NOISE = 2e-3  # [rad]
 _GYRO_NOISE = 1e-2  # [rad/s]
 _ACCELERATION_NOISE = 5e-2  # [m/s^2]
+_TORQUE_NOISE = 0.2  # [N m]
 
 
 class SensorModel:
@@ -31,6 +32,7 @@ class SensorModel:
             seed: Seed of flaws and noise.
         """
         self._settings, self._rng = settings, np.random.default_rng(seed)
+        self._torque_rng = np.random.default_rng((seed, 2))
         once = np.random.default_rng((seed, 1)).standard_normal  # noise stays as it was
         self.zeros = settings.encoder_zero * once(joints)
         """Errors of the encoders' zeros [rad], of shape (joints,)."""
@@ -41,13 +43,15 @@ class SensorModel:
         mujoco.mju_quatIntegrate(self.mounting, settings.imu_tilt * turn, 1.0)
         self.bias = settings.gyro_bias * once(3)
         """Bias of the gyro [rad/s], in its own frame, (3,)."""
+        self.torque_gains = 1.0 + settings.torque_error * once(joints)
+        """Torques that are reported over the true ones [-], (joints,)."""
 
     @property
     def is_perfect(self) -> bool:
         """Whether readings are the truth, at once."""
         s = self._settings
         flaws = (s.noise, s.encoder_zero, s.encoder_step, s.imu_tilt, s.gyro_bias)
-        return not any((*flaws, s.latency))
+        return not any((*flaws, s.latency, s.torque_error))
 
     def read(self, true: Sensors) -> Sensors:
         """Return what the sensors read.
@@ -61,6 +65,7 @@ class SensorModel:
         s, normal = self._settings, self._rng.standard_normal
         q, wrenches, quat = true.positions + self.zeros, true.wrenches, true.orientation
         gyro, acc = true.gyro, true.acceleration
+        torques = None if true.torques is None else true.torques * self.torque_gains
         if s.imu_tilt:
             R, whole = np.empty(9), np.empty(4)
             mujoco.mju_quat2Mat(R, self.mounting)
@@ -72,8 +77,13 @@ class SensorModel:
             mujoco.mju_quatIntegrate(quat, s.noise * _TURN_NOISE * normal(3), 1.0)
             gyro = gyro + s.noise * _GYRO_NOISE * normal(3)
             acc = acc + s.noise * _ACCELERATION_NOISE * normal(3)
+            if torques is not None:
+                torques += (
+                    s.noise
+                    * _TORQUE_NOISE
+                    * self._torque_rng.standard_normal(len(torques))
+                )
         if s.encoder_step:
             q = s.encoder_step * np.round(q / s.encoder_step)
-        return Sensors(
-            true.time, q, true.velocities, wrenches, quat, gyro + self.bias, acc
-        )
+        inertial = quat, gyro + self.bias, acc
+        return Sensors(true.time, q, true.velocities, wrenches, *inertial, torques)

@@ -6,6 +6,7 @@ All that a period reads and writes lies in the arrays of one handle, in the orde
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -35,13 +36,24 @@ from ..embedding import (
     resolve,
     wanted_at,
 )
-from ..handles import floats_at, records_at
+from ..handles import floats_at, inlined, records_at
 from ..pattern import PHASE, REFERENCE, fill_reference
 from .action import dance_at, keeps_limits, plan_torques, set_points, want
-from .estimate import estimate, follow_rates, follow_tilt
+from .estimate import (
+    estimate,
+    estimate_posture,
+    estimate_velocity,
+    follow_rates,
+    follow_tilt,
+    stand_upright,
+)
 from .measurement import measure
 from .records import JOINT, RULES, STATE
 from .torques import aim_joints, bear_on_soles, want_accelerations
+from .wrench_estimate import Observer, fit_wrenches, follow_forces, read_ankle
+
+BY_TORQUES, NOT_AT_ALL = 1, 2
+"""How the ground is felt, where not by sensors at the ankles."""
 
 HANDED_OVER = -1
 """What `act` and `tick` return where the robust solver has to resolve the task."""
@@ -112,7 +124,26 @@ class Arrays(NamedTuple):
     encoders: np.ndarray
     """What the encoders read last [rad]."""
     rates: np.ndarray
-    """Joint rates, low-passed differences of that [rad/s]."""
+    """Joint rates, low-passed differences of that, then the gyro's [rad/s]."""
+    seen: np.ndarray
+    """Configuration that the ground is felt in, where positions are commanded, then
+    its velocity."""
+    observer: np.ndarray
+    """Records of `BODY`; the arrays from here on are those of `Observer`."""
+    motors: np.ndarray
+    """Torques that the motors report [N m]."""
+    slow: np.ndarray
+    """The same after the filter of the joint rates [N m]."""
+    filtered: np.ndarray
+    """The same after the observer's filter [N m]."""
+    last: np.ndarray
+    """The last velocity."""
+    change: np.ndarray
+    """Its rate, filtered."""
+    forces: np.ndarray
+    """Generalised forces of the motion [N, N m]."""
+    fit: np.ndarray
+    """Normal equations of the soles' wrenches, with their right side."""
 
 
 # Places of `Arrays` in their handle.
@@ -121,7 +152,7 @@ AT_KNOTS, AT_CUBICS, AT_REFERENCE, AT_Q, AT_V = range(9, 14)
 AT_SET_POINTS, AT_SENSED, AT_FELT, AT_LAW, AT_LAW_STATE = range(14, 19)
 AT_PAST, AT_WATCH, AT_GUARD, AT_TABLE, AT_PENDULUM = range(19, 24)
 AT_BODIES, AT_ACCELERATION, AT_SPEEDS, AT_TORQUES = range(24, 28)
-AT_ENCODERS, AT_RATES = range(28, 30)
+AT_ENCODERS, AT_RATES, AT_SEEN, AT_OBSERVER, AT_MOTORS = range(28, 33)
 
 
 @kernel
@@ -136,6 +167,38 @@ def look_up(handle: np.ndarray, time: float) -> None:
         fill_reference(table, pendulum[0], pendulum[1], time, reference)
 
 
+@inlined
+def _observer_at(handle: np.ndarray) -> Observer:
+    """Return the observer of a tick."""
+    k = AT_MOTORS
+    return Observer(
+        records_at(handle, AT_OBSERVER, BODY),
+        floats_at(handle, k),
+        floats_at(handle, k + 1),
+        floats_at(handle, k + 2),
+        floats_at(handle, k + 3),
+        floats_at(handle, k + 4),
+        floats_at(handle, k + 5),
+        floats_at(handle, k + 6),
+    )
+
+
+@kernel
+def _observe(handle: np.ndarray, v: np.ndarray, moved: bool) -> None:
+    """Find what ankle sensors would read, the robot placed."""
+    rules, state = (
+        records_at(handle, AT_RULES, RULES)[0],
+        records_at(handle, AT_STATE, STATE)[0],
+    )
+    reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
+    flat, observer = flat_at(handle), _observer_at(handle)
+    joints, felt = records_at(handle, AT_JOINTS, JOINT), floats_at(handle, AT_FELT)
+    follow_forces(rules, state, joints, v, observer, moved)
+    fit_wrenches(flat, rules, reference, v, observer)
+    for k in range(2):
+        read_ankle(flat, rules, state, k, observer.H, felt)
+
+
 @kernel
 def take_measurement(handle: np.ndarray) -> None:
     """Find CoM, ZMP and load from the readings of encoders, ankles and IMU."""
@@ -143,25 +206,31 @@ def take_measurement(handle: np.ndarray) -> None:
     state = records_at(handle, AT_STATE, STATE)[0]
     reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
     sensed, felt = floats_at(handle, AT_SENSED), floats_at(handle, AT_FELT)
-    if rules.by_torque:
+    flat, before = flat_at(handle), state.support
+    q, v = floats_at(handle, AT_Q), floats_at(handle, AT_V)
+    if rules.by_torque or rules.sensing == BY_TORQUES:
         rates, last = floats_at(handle, AT_RATES), floats_at(handle, AT_ENCODERS)
         follow_rates(rules, state, sensed, felt[16:19], last, rates)
         follow_tilt(rules, state, felt[12:16], felt[16:19])
-        estimate(
-            flat_at(handle),
-            records_at(handle, AT_BODIES, BODY),
-            rules,
-            state,
-            sensed,
-            felt,
-            rates,
-            reference,
-            floats_at(handle, AT_Q),
-            floats_at(handle, AT_V),
-        )
-        return
-    scratch = wanted_at(handle)[0].scratch
-    measure(flat_at(handle), rules, state, sensed, felt, reference, scratch)
+        bodies = records_at(handle, AT_BODIES, BODY)
+        if rules.by_torque:
+            estimate_posture(flat, rules, state, sensed, state.turn, reference, q)
+        else:
+            seen = floats_at(handle, AT_SEEN)
+            q, v = seen[: len(q)], seen[len(q) :]
+            stand_upright(flat, state, sensed, state.turn, q)
+        estimate_velocity(flat, bodies, state, rates[len(last) :], rates, v)
+    if rules.sensing == BY_TORQUES:
+        _observe(handle, v, before != state.support)
+    if rules.by_torque:
+        bodies = records_at(handle, AT_BODIES, BODY)
+        estimate(flat, bodies, rules, state, felt, reference)
+    else:
+        scratch = wanted_at(handle)[0].scratch
+        measure(flat, rules, state, sensed, felt, reference, scratch)
+    if rules.sensing == NOT_AT_ALL:
+        state.load = rules.weight
+        state.zmp[0] = state.zmp[1] = math.nan
 
 
 @kernel
@@ -190,9 +259,10 @@ def control(handle: np.ndarray) -> None:
         floats_at(handle, AT_PAST),
     )
     ring = past.reshape((len(past) // 4, 4))
-    apply_law(
-        law, law_state, ring, reference, state.com, state.zmp, state.feedback_scale
-    )
+    zmp = state.zmp
+    if records_at(handle, AT_RULES, RULES)[0].sensing == NOT_AT_ALL:
+        zmp = reference.zmp  # no error: the law with k_p = 0
+    apply_law(law, law_state, ring, reference, state.com, zmp, state.feedback_scale)
 
 
 @kernel

@@ -91,7 +91,7 @@ class WholeBody:
             settings: How it follows its commands.
         """
         self.robot, self.period, self.servos = robot, period, robot.servos
-        self.joint_names = robot.joints
+        self.joint_names, self.actuation = robot.joints, robot.actuation
         self.settings = settings or BodySettings()
         self.motion = motion
         """Motion of arms, waist or head; None if there is none."""
@@ -120,11 +120,7 @@ class WholeBody:
         if self.servos is not None:  # weighed as it is taken over, at rest
             rules["by_torque"], rules["most"] = True, 1
         state = records(STATE)
-        state["left_share"], state["mass_ratio"], state["feedback_scale"] = (
-            0.5,
-            1.0,
-            1.0,
-        )
+        state["left_share"], state["mass_ratio"], state["feedback_scale"] = 0.5, 1, 1
         sensed = np.zeros(7 + n)
         sensed[3] = 1.0
         return Arrays(
@@ -132,7 +128,7 @@ class WholeBody:
             wanted,
             rules,
             state,
-            joints_of(robot),
+            joints_of(robot, self.settings),
             *dance_of(self.motion, robot.joints),
             records(REFERENCE),
             robot.home.copy(),
@@ -147,9 +143,9 @@ class WholeBody:
             np.zeros(0),
             np.zeros(2),
             bodies_of(robot),
-            np.zeros(2 * (6 + n)),
-            *np.zeros((3, n)),
-            np.zeros(n + 3),
+            *map(np.zeros, (12 + 2 * n, n, n, n, 3 + n, 13 + 2 * n)),
+            bodies_of(robot),
+            *map(np.zeros, (n, n, n, 6 + n, 6 + n, 6 + n, 12 * 13)),
         )
 
     @property
@@ -247,6 +243,8 @@ class WholeBody:
         self._wrenches[:] = sensors.wrenches
         self._orientation[:] = sensors.orientation
         self._gyro[:], self._acceleration[:] = sensors.gyro, sensors.acceleration
+        if sensors.torques is not None:
+            self.arrays.motors[:] = sensors.torques
 
     @property
     def measured(self) -> Measurement:

@@ -49,7 +49,12 @@ from .estimate import (
 )
 from .measurement import measure
 from .records import JOINT, RULES, STATE
-from .torques import aim_joints, bear_on_soles, want_accelerations
+from .torques import (
+    aim_joints,
+    bear_on_soles,
+    feel_landing,
+    want_accelerations,
+)
 from .wrench_estimate import Observer, fit_wrenches, follow_forces, read_ankle
 
 BY_TORQUES, NOT_AT_ALL = 1, 2
@@ -335,6 +340,12 @@ def finish(handle: np.ndarray, dt: float) -> None:
 def want_motion(handle: np.ndarray) -> None:
     """Write the task of the tick in accelerations."""
     _find_dance(handle)
+    feel_landing(
+        records_at(handle, AT_RULES, RULES)[0],
+        records_at(handle, AT_STATE, STATE)[0],
+        records_at(handle, AT_REFERENCE, REFERENCE)[0],
+        floats_at(handle, AT_FELT),
+    )
     want_accelerations(
         flat_at(handle),
         records_at(handle, AT_BODIES, BODY),

@@ -37,15 +37,42 @@ LEFT_ALONE, RIGHT_ALONE = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
 TRUNK_SHARE = 0.5
 """How fast the trunk is brought back, as a share of all else: noise of its gyro shakes
 the heaviest link [-]."""
+LANDING_LOAD = 0.1
+"""Share of the weight by which a swinging foot is felt to land [-]."""
 SOLE_SHARE = 0.9
 """Share of the soles that the ZMP asked for may use [-]."""
 
 
 @kernel
-def _support(flat: Flat, reference: Record) -> tuple[bool, bool]:
+def _support(reference: Record) -> tuple[bool, bool]:
     """Return whether the left and the right foot are to bear the robot."""
     phase = reference.phase
     return phase != RIGHT_ALONE, phase != LEFT_ALONE
+
+
+@kernel
+def feel_landing(
+    rules: Record, state: Record, reference: Record, felt: np.ndarray
+) -> None:
+    """Find which feet are on the ground: a swinging one from when it is felt to land.
+
+    Args:
+        rules: Settings.
+        state: Its `landed` is written.
+        reference: The reference.
+        felt: Both ankle wrenches (12), in the axes of their sensors [N, N m].
+    """
+    left, right = _support(reference)
+    for k in range(2):
+        bears = left if k == 0 else right
+        load = felt[6 * k : 6 * k + 3]
+        force = math.sqrt(load[0] ** 2 + load[1] ** 2 + load[2] ** 2)
+        sinks = reference.feet[k].velocity[2] < 0.0
+        feels = force > rules.foot_weight[k] + LANDING_LOAD * rules.weight
+        if bears or (sinks and feels and rules.sensing != 2):
+            state.landed[k] = True
+        elif not sinks:
+            state.landed[k] = False
 
 
 @kernel
@@ -61,7 +88,7 @@ def hold_in_soles(
         The point, x and y [m], world; the share of the left foot [-]; and where each
         sole presses from its centre, x and y [m], world.
     """
-    left, right = _support(flat, reference)
+    left, right = _support(reference)
     a, b, _ = site_point(flat, flat.limbs[0].site)
     c, d, _ = site_point(flat, flat.limbs[1].site)
     share = 1.0 if left else 0.0
@@ -107,13 +134,12 @@ def _want_foot(
     state: Record,
     ref: Record,
     k: int,
-    bears: bool,
 ) -> None:
     """Write the acceleration of foot k: to rest, or along its path."""
     limb, foot, W = flat.limbs[k], ref.feet[k], rules.bandwidth
     twist, drift, out, away = state.twist, state.drift, limb.twist, state.away
     move_site(flat, bodies, limb.site, twist, drift)
-    if bears:
+    if state.landed[k]:
         for i in range(6):
             out[i] = -W * twist[i] - drift[i]
         return
@@ -166,9 +192,8 @@ def want_accelerations(
     wanted.trunk[0] = W * W * x - 2.0 * W * v[3]
     wanted.trunk[1] = W * W * y - 2.0 * W * v[4]
     wanted.trunk[2] = W * W * z + 2.0 * W * (reference.heading_rate - v[5])
-    left, right = _support(flat, reference)
-    _want_foot(flat, bodies, rules, state, reference, 0, left)
-    _want_foot(flat, bodies, rules, state, reference, 1, right)
+    for k in range(2):
+        _want_foot(flat, bodies, rules, state, reference, k)
     W = rules.bandwidth
     for j in range(len(joints)):
         flat.links[1 + j].desired_rate = (
@@ -230,13 +255,12 @@ def aim_joints(
     for i in range(len(moved)):
         j = moved[i]
         out[j], speeds[j] = joints[j].dance, joints[j].dance_rate
-    left, right = _support(flat, reference)
     for k in range(2):
-        limb, bears = flat.limbs[k], left if k == 0 else right
+        limb = flat.limbs[k]
         for n in range(limb.own):
             j = limb.chain[n] - 1
             out[j], speeds[j] = q[7 + j], v[6 + j] + rules.period * a[6 + j]
-        if not bears:
+        if not state.landed[k]:
             _aim_foot(flat, bodies, state, wanted, limb, reference.feet[k], out, speeds)
 
 

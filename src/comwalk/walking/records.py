@@ -100,6 +100,7 @@ STATE = np.dtype(
         ("twist", "f8", 6),
         ("drift", "f8", 6),
         ("away", "f8", 6),  # error of the swing foot [m; rad]
+        ("pressed", "f8", 2),  # loads of the feet, low-passed, over the weight [-]
         ("landed", "i8", 2),  # which feet are on the ground
         ("shifted", "f8"),  # by how much the ZMP asked for was moved into the sole [m]
         ("slid", "f8"),  # force beyond the friction [N]

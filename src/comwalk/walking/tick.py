@@ -344,7 +344,6 @@ def want_motion(handle: np.ndarray) -> None:
         records_at(handle, AT_RULES, RULES)[0],
         records_at(handle, AT_STATE, STATE)[0],
         records_at(handle, AT_REFERENCE, REFERENCE)[0],
-        floats_at(handle, AT_FELT),
     )
     want_accelerations(
         flat_at(handle),

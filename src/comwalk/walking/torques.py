@@ -37,8 +37,13 @@ LEFT_ALONE, RIGHT_ALONE = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
 TRUNK_SHARE = 0.5
 """How fast the trunk is brought back, as a share of all else: noise of its gyro shakes
 the heaviest link [-]."""
-LANDING_LOAD = 0.1
-"""Share of the weight by which a swinging foot is felt to land [-]."""
+LANDING_LOAD, LETTING_GO = 0.12, 0.04
+"""Shares of the weight by which a sinking foot is felt to land, and to have lifted
+again [-]."""
+FEELING_TIME = 0.015
+"""Time constant of the low-pass on the feet's loads for that [s]."""
+NOT_FELT = 2
+"""Number of `GROUND_SENSORS` without any."""
 SOLE_SHARE = 0.9
 """Share of the soles that the ZMP asked for may use [-]."""
 
@@ -51,28 +56,23 @@ def _support(reference: Record) -> tuple[bool, bool]:
 
 
 @kernel
-def feel_landing(
-    rules: Record, state: Record, reference: Record, felt: np.ndarray
-) -> None:
-    """Find which feet are on the ground: a swinging one from when it is felt to land.
+def feel_landing(rules: Record, state: Record, reference: Record) -> None:
+    """Find which feet are on the ground: a sinking one from when it is felt to bear.
 
     Args:
         rules: Settings.
-        state: Its `landed` is written.
+        state: Its load, low-passed, tells; `landed` is written.
         reference: The reference.
-        felt: Both ankle wrenches (12), in the axes of their sensors [N, N m].
     """
     left, right = _support(reference)
     for k in range(2):
+        share = state.left_share if k == 0 else 1.0 - state.left_share
+        load = share * state.load / rules.weight
+        state.pressed[k] += rules.period / FEELING_TIME * (load - state.pressed[k])
+        least = LETTING_GO if state.landed[k] else LANDING_LOAD
+        sinks = reference.feet[k].velocity[2] < 0.0 and rules.sensing != NOT_FELT
         bears = left if k == 0 else right
-        load = felt[6 * k : 6 * k + 3]
-        force = math.sqrt(load[0] ** 2 + load[1] ** 2 + load[2] ** 2)
-        sinks = reference.feet[k].velocity[2] < 0.0
-        feels = force > rules.foot_weight[k] + LANDING_LOAD * rules.weight
-        if bears or (sinks and feels and rules.sensing != 2):
-            state.landed[k] = True
-        elif not sinks:
-            state.landed[k] = False
+        state.landed[k] = bears or (sinks and state.pressed[k] > least)
 
 
 @kernel

@@ -27,7 +27,7 @@ from .kinematic_tree import Skeleton
 from .loaders import ModelFile, profile_of_known, read_model
 from .mimic import Coupling
 from .profile import Profile, ServoGains, check_names, read_profile
-from .servos import Gains, set_gains, set_torque, soften_servos
+from .servos import Gains, set_gains, set_torque, soften_servos, takes_positions
 
 LEGS = {Side.LEFT: "left_leg", Side.RIGHT: "right_leg"}
 """Names of the two legs among a robot's limbs."""
@@ -244,11 +244,13 @@ def load_robot(
     _set_armature(file.spec, told.servo)
     marked = is_marked(file.spec)
     anatomy = _read_marked(file, told) if marked else mark(file, told)
-    usual = Actuation.POSITION if pd is None else Actuation.PD
+    model = compile_model(file.spec, f"robot {file.path}")
+    home = _home(model, file.path, told if marked else Profile())
+    usual = Actuation.PD
+    if pd is None and takes_positions(file.spec, model, anatomy, home):
+        usual = Actuation.POSITION
     takes = usual if actuation is None else Actuation(actuation)
     if takes is not Actuation.POSITION:
-        model = compile_model(file.spec, f"robot {file.path}")
-        home = _home(model, file.path, told if marked else Profile())
         soften_servos(file.spec, model, anatomy, home, pd)
     for actuator in file.spec.actuators:
         actuator.gainprm[0] *= factor

@@ -115,10 +115,7 @@ def replaced_actuators(spec: mujoco.MjSpec) -> str:
     others = [a.name or a.target for a in spec.actuators if a.target not in servos]
     if not others:
         return ""
-    return (
-        f"{len(others)} motors get position servos that comwalk designs: "
-        + first_of(others)
-    )
+    return f"{len(others)} motors get gains that comwalk designs: " + first_of(others)
 
 
 def design_servos(model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray) -> Design:
@@ -157,6 +154,26 @@ def design_servos(model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray) -> Des
         gains[mimic.joint] = lead.times(_IDLE)
         gains[mimic.primary] = lead.times(1.0 + mimic.ratio**2)
     return Design(gains, ARMATURE * r, weight * height)
+
+
+def takes_positions(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray
+) -> bool:
+    """Return whether a robot's own data make it one that takes positions.
+
+    Args:
+        spec: The model with its position servos.
+        model: The same, compiled.
+        anatomy: Its parts.
+        q: The walking posture.
+
+    Returns:
+        Whether legs have gains of their own that hold the body without torques.
+    """
+    legs = {j for leg in anatomy.legs.values() for j in leg} - {*anatomy.designed}
+    own = [-a.biasprm[1] for a in spec.actuators if a.target in legs]
+    weight = design_servos(model, anatomy, q).weight
+    return bool(own) and min(own) >= SOFTEST * weight
 
 
 def soften_servos(
@@ -288,6 +305,5 @@ def soft_servos(
     how = f"the body sways at {sway:.1f} Hz" if rest > 0.0 else "the body sinks"
     return (
         f"the file's own servos are soft: {softest} has {own[softest]:.4g} N m/rad, on "
-        f"which {how}; {design.gains[softest].stiffness:.4g} is usual (--stiffness, or "
-        "[servo] of a --profile)"
+        f"which {how}, and torques hold it instead (--actuation)"
     )

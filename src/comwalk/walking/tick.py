@@ -55,7 +55,13 @@ from .torques import (
     feel_landing,
     want_accelerations,
 )
-from .wrench_estimate import Observer, fit_wrenches, follow_forces, read_ankle
+from .wrench_estimate import (
+    Observer,
+    fit_wrenches,
+    follow_forces,
+    friction_of,
+    read_ankle,
+)
 
 BY_TORQUES, NOT_AT_ALL = 1, 2
 """How the ground is felt, where not by sensors at the ankles."""
@@ -374,9 +380,6 @@ def exert(handle: np.ndarray) -> None:
     load_links(flat, bodies, a, rules.gravity, t)
     reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
     bear_on_soles(flat, rules, state, reference, t, joints)
-    torques = floats_at(handle, AT_TORQUES)
-    for j in range(len(joints)):
-        torques[j] = joints[j].torque
     aim_joints(
         flat,
         bodies,
@@ -392,6 +395,9 @@ def exert(handle: np.ndarray) -> None:
         floats_at(handle, AT_SET_POINTS),
         floats_at(handle, AT_SPEEDS),
     )
+    torques, speeds = floats_at(handle, AT_TORQUES), floats_at(handle, AT_SPEEDS)
+    for j in range(len(joints)):
+        torques[j] = joints[j].torque + friction_of(joints[j], speeds[j])
 
 
 @kernel

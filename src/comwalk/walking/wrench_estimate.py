@@ -60,6 +60,16 @@ class Observer(NamedTuple):
     """Normal equations of the fit, with their right side, flat (12 x 13)."""
 
 
+STILL = 0.05
+"""Joint rate within which dry friction is taken to grow [rad/s]."""
+
+
+@kernel
+def friction_of(joint: Record, rate: float) -> float:
+    """Return the friction that is known of a joint at a rate [N m]."""
+    return joint.viscous * rate + joint.dry * math.tanh(rate / STILL)
+
+
 @kernel
 def follow_forces(
     rules: Record,
@@ -81,9 +91,7 @@ def follow_forces(
     """
     share, n = rules.observer_share, len(joints)
     for j in range(n):
-        rate, joint = v[6 + j], joints[j]
-        torque = observer.motors[j] - joint.viscous * rate
-        torque -= joint.dry * math.tanh(rate / STILL)
+        torque = observer.motors[j] - friction_of(joints[j], v[6 + j])
         if state.readings == 1:
             observer.slow[j] = observer.torques[j] = torque
         observer.slow[j] += rules.rate_share * (torque - observer.slow[j])
@@ -94,10 +102,6 @@ def follow_forces(
         rate = (v[i] - observer.last[i]) / rules.period
         observer.a[i] += share * (rate - observer.a[i])
         observer.last[i] = v[i]
-
-
-STILL = 0.05
-"""Joint rate within which dry friction is taken to grow [rad/s]."""
 
 
 @kernel

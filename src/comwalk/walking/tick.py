@@ -60,7 +60,6 @@ from .wrench_estimate import (
     fit_wrenches,
     follow_forces,
     friction_of,
-    read_ankle,
 )
 
 BY_TORQUES, NOT_AT_ALL = 1, 2
@@ -190,7 +189,7 @@ def _observer_at(handle: np.ndarray) -> Observer:
         floats_at(handle, k + 3),
         floats_at(handle, k + 4),
         floats_at(handle, k + 5),
-        floats_at(handle, k + 6),
+        floats_at(handle, k + 6).reshape((6, 7)),
     )
 
 
@@ -205,9 +204,7 @@ def _observe(handle: np.ndarray, v: np.ndarray, moved: bool) -> None:
     flat, observer = flat_at(handle), _observer_at(handle)
     joints, felt = records_at(handle, AT_JOINTS, JOINT), floats_at(handle, AT_FELT)
     follow_forces(rules, state, joints, v, observer, moved)
-    fit_wrenches(flat, rules, reference, v, observer)
-    for k in range(2):
-        read_ankle(flat, rules, state, k, observer.H, felt)
+    fit_wrenches(flat, rules, state, reference, v, observer, felt)
 
 
 @kernel

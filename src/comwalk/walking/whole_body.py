@@ -145,7 +145,7 @@ class WholeBody:
             bodies_of(robot),
             *map(np.zeros, (12 + 2 * n, n, n, n, 3 + n, 13 + 2 * n)),
             bodies_of(robot),
-            *map(np.zeros, (n, n, n, 6 + n, 6 + n, 6 + n, 12 * 13)),
+            *map(np.zeros, (n, n, n, 6 + n, 6 + n, 6 + n, 6 * 7)),
         )
 
     @property

@@ -1,14 +1,15 @@
 r"""Compiled estimate of the ground's wrenches, for robots without ankle sensors.
 
-What moves the robot and is not its motors' is the ground,
+What moves a leg and is not its motors' is the ground,
 
-.. math:: M \dot v + h - S^T \tau = \sum_i J_i^T w_i
+.. math:: J^T w = [M \dot v + h - S^T \tau]_{leg}
 
-Its left side is known from encoders, gyro and the torques that the motors report, all
+Its right side is known from encoders, gyro and the torques that the motors report, all
 through the same filters, so that none is ahead of another: this is what an observer of
-the generalised momentum finds. The wrench of each sole is fitted to the six rows of the
-base and the joints of its leg, weighted by how far each is to be trusted, and is
-handed on as what an ankle sensor would read.
+the generalised momentum finds. The wrench of each sole is fitted to the joints of its
+leg, where a swinging foot is expected to bear nothing, and is handed on as what an
+ankle sensor would read. The six rows of the base would tell the sum of both wrenches,
+but accelerations of the whole body are too noisy to add anything.
 """
 
 from __future__ import annotations
@@ -34,9 +35,9 @@ from .foot_contact import ANKLE, turned_back
 
 _LEFT, _RIGHT = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
 
-# How far rows are to be trusted, in weights and in weights times CoM height [-].
-_BASE_FORCE, _BASE_MOMENT, _JOINT = 0.06, 0.03, 0.005
-_SWING_FORCE, _SWING_MOMENT, _STANCE = 0.045, 0.005, 5.0
+# What joints err by, and wrenches of feet may be, in weights and times CoM height [-].
+_JOINT, _STANCE = 0.005, 5.0
+_SWING_FORCE, _SWING_MOMENT = 0.045, 0.005
 
 
 class Observer(NamedTuple):
@@ -57,7 +58,7 @@ class Observer(NamedTuple):
     t: np.ndarray
     """Generalised forces of the motion, (6 + joints,)."""
     H: np.ndarray
-    """Normal equations of the fit, with their right side, flat (12 x 13)."""
+    """Normal equations of the fit, with their right side, (6, 7)."""
 
 
 STILL = 0.05
@@ -105,134 +106,87 @@ def follow_forces(
 
 
 @kernel
-def _add_row(
-    H: np.ndarray, row: Record, first: int, value: float, scale: float
-) -> None:
-    """Add an equation for six of the twelve unknowns to the normal equations."""
-    w = 1.0 / (scale * scale)
+def _fit(H: np.ndarray) -> None:
+    """Solve six normal equations by Cholesky; the solution is left in column 6."""
     for r in range(6):
-        x = w * row[r]
-        for c in range(6):
-            H[13 * (first + r) + first + c] += x * row[c]
-        H[13 * (first + r) + 12] += x * value
-
-
-@kernel
-def _add_base(
-    H: np.ndarray, r: tuple, s: tuple, i: int, k: int, force: float, moment: float
-) -> None:
-    """Add B_i^T W B_k for feet at r and s from the body center; B w is w about it."""
-    f, m = 1.0 / (force * force), 1.0 / (moment * moment)
-    a, b = 13 * 6 * i + 6 * k, 13
-    dot = r[0] * s[0] + r[1] * s[1] + r[2] * s[2]
-    for p in range(3):
-        for q in range(3):  # [r]^T [s] = r.s I - s r^T
-            H[a + b * p + q] -= m * s[p] * r[q]
-        H[a + b * p + p] += f + m * dot
-        H[a + b * (3 + p) + 3 + p] += m
-        j, k_ = (p + 1) % 3, (p + 2) % 3
-        H[a + b * k_ + 3 + j] -= m * r[p]  # [r]^T
-        H[a + b * j + 3 + k_] += m * r[p]
-        H[a + b * (3 + j) + k_] -= m * s[p]  # [s]
-        H[a + b * (3 + k_) + j] += m * s[p]
-
-
-@kernel
-def _add_base_side(
-    H: np.ndarray, t: np.ndarray, r: tuple, i: int, force: float, moment: float
-) -> None:
-    """Add B_i^T W e of the base rows."""
-    f, m, a = 1.0 / (force * force), 1.0 / (moment * moment), 13 * 6 * i + 12
-    H[a] += f * t[0] - m * (r[1] * t[5] - r[2] * t[4])
-    H[a + 13] += f * t[1] - m * (r[2] * t[3] - r[0] * t[5])
-    H[a + 26] += f * t[2] - m * (r[0] * t[4] - r[1] * t[3])
-    for p in range(3):
-        H[a + 13 * (3 + p)] += m * t[3 + p]
-
-
-@kernel
-def _solve_twelve(H: np.ndarray) -> None:
-    """Solve the normal equations by Cholesky; the solution is left in column 12."""
-    for r in range(12):
         for c in range(r + 1):
-            x = H[13 * r + c]
+            x = H[r, c]
             for k in range(c):
-                x -= H[13 * r + k] * H[13 * c + k]
-            H[13 * r + c] = math.sqrt(x) if r == c else x / H[13 * c + c]
-    for r in range(12):
-        x = H[13 * r + 12]
+                x -= H[r, k] * H[c, k]
+            H[r, c] = math.sqrt(x) if r == c else x / H[c, c]
+    for r in range(6):
         for k in range(r):
-            x -= H[13 * r + k] * H[13 * k + 12]
-        H[13 * r + 12] = x / H[13 * r + r]
-    for r in range(11, -1, -1):
-        x = H[13 * r + 12]
-        for k in range(r + 1, 12):
-            x -= H[13 * k + r] * H[13 * k + 12]
-        H[13 * r + 12] = x / H[13 * r + r]
+            H[r, 6] -= H[r, k] * H[k, 6]
+        H[r, 6] /= H[r, r]
+    for r in range(5, -1, -1):
+        for k in range(r + 1, 6):
+            H[r, 6] -= H[k, r] * H[k, 6]
+        H[r, 6] /= H[r, r]
+
+
+@kernel
+def _weigh_leg(
+    flat: Flat, rules: Record, limb: Record, observer: Observer, swings: bool
+) -> None:
+    """Write the normal equations of the wrench at a leg's end."""
+    moment, H = rules.weight * rules.com_height, observer.H
+    force = (_SWING_FORCE if swings else _STANCE) * rules.weight
+    torque = (_SWING_MOMENT if swings else _STANCE) * moment
+    for r in range(6):
+        for c in range(7):
+            H[r, c] = 0.0
+        H[r, r] = 1.0 / (force * force if r < 3 else torque * torque)
+    w = 1.0 / (_JOINT * moment) ** 2
+    end_columns(flat, limb)
+    for n in range(limb.own):
+        j = limb.chain[n] - 1
+        J, value = flat.links[1 + j].end, observer.t[6 + j] - observer.torques[j]
+        for r in range(6):
+            for c in range(r + 1):
+                H[r, c] += w * J[r] * J[c]
+            H[r, 6] += w * J[r] * value
 
 
 @kernel
 def fit_wrenches(
     flat: Flat,
     rules: Record,
+    state: Record,
     reference: Record,
     v: np.ndarray,
     observer: Observer,
+    felt: np.ndarray,
 ) -> None:
-    """Fit the wrenches of both soles, each about its centre, into `observer.H`.
+    """Fit the wrenches of both soles, and write what ankle sensors would read.
 
     Args:
         flat: The robot, placed; both legs get the columns of their ends.
         rules: Settings.
+        state: Scratch.
         reference: Which foot swings.
         v: The velocity.
         observer: After `follow_forces`.
+        felt: Where the readings go (12) [N, N m].
     """
-    bodies, t, H = observer.bodies, observer.t, observer.H
-    move_links(flat, bodies, v)
-    accelerate_links(flat, bodies, observer.a)
-    load_links(flat, bodies, observer.a, rules.gravity, t)
-    weight, moment = rules.weight, rules.weight * rules.com_height
-    for k in range(len(H)):
-        H[k] = 0.0
-    p = flat.links[0].p
-    x, y, z = site_point(flat, flat.limbs[0].site)
-    left = (x - p[0], y - p[1], z - p[2])
-    x, y, z = site_point(flat, flat.limbs[1].site)
-    right = (x - p[0], y - p[1], z - p[2])
-    f, m = _BASE_FORCE * weight, _BASE_MOMENT * moment
-    _add_base(H, left, left, 0, 0, f, m)
-    _add_base(H, left, right, 0, 1, f, m)
-    _add_base(H, right, left, 1, 0, f, m)
-    _add_base(H, right, right, 1, 1, f, m)
-    _add_base_side(H, t, left, 0, f, m)
-    _add_base_side(H, t, right, 1, f, m)
-    for i in range(2):
-        limb = flat.limbs[i]
-        end_columns(flat, limb)
-        for n in range(limb.own):
-            j = limb.chain[n] - 1
-            value = t[6 + j] - observer.torques[j]
-            _add_row(H, flat.links[1 + j].end, 6 * i, value, _JOINT * moment)
-        swings = reference.phase == (_RIGHT if i == 0 else _LEFT)
-        s = _SWING_FORCE * weight if swings else _STANCE * weight
-        n = _SWING_MOMENT * moment if swings else _STANCE * moment
-        for p_ in range(3):
-            k = 6 * i + p_
-            H[13 * k + k] += 1.0 / (s * s)
-            H[13 * (k + 3) + k + 3] += 1.0 / (n * n)
-    _solve_twelve(H)
+    move_links(flat, observer.bodies, v)
+    accelerate_links(flat, observer.bodies, observer.a)
+    load_links(flat, observer.bodies, observer.a, rules.gravity, observer.t)
+    for k in range(2):
+        swings = reference.phase == (_RIGHT if k == 0 else _LEFT)
+        _weigh_leg(flat, rules, flat.limbs[k], observer, swings)
+        _fit(observer.H)
+        read_ankle(flat, rules, state, k, observer.H[:, 6], felt)
 
 
 @kernel
 def read_ankle(
-    flat: Flat, rules: Record, state: Record, k: int, H: np.ndarray, felt: np.ndarray
+    flat: Flat, rules: Record, state: Record, k: int, w: np.ndarray, felt: np.ndarray
 ) -> None:
-    """Write what the sensor of ankle k would read of a fitted wrench.
+    """Write what the sensor of ankle k would read of a wrench about its sole's centre.
 
     The ground only pushes, and from within the sole.
     """
-    w, limb = H[13 * 6 * k + 12 :: 13], flat.limbs[k]
+    limb = flat.limbs[k]
     f = (w[0], w[1], max(w[2], 0.0))
     R, half = state.sensor, rules.sole_half[k]
     site_rotation(flat, limb.site, R)

@@ -43,8 +43,8 @@ def jvrc_path() -> Path:
 
 @cache
 def jvrc() -> Robot:
-    """Return JVRC-1, its fingers locked."""
-    return load_robot("jvrc1")
+    """Return JVRC-1, its fingers locked, on position servos."""
+    return load_robot("jvrc1", actuation="position")
 
 
 def random_configuration(robot: Robot, rng: np.random.Generator) -> np.ndarray:
@@ -97,10 +97,13 @@ def posture_of(robot: Robot, q: np.ndarray):
     return Kinematics(robot).posture(q)
 
 
-def robot_of(name: str, stiffness: float = 1.0) -> Robot:
+def robot_of(name: str, stiffness: float = 1.0, actuation: str = "position") -> Robot:
     """Return a robot by name; skip where its package is not installed."""
-    known = {"paper": paper, "jvrc1": jvrc} if stiffness == 1.0 else {}
+    usual = stiffness == 1.0 and actuation == "position"
+    known = {"paper": paper, "jvrc1": jvrc} if usual else {}
     try:
-        return known[name]() if name in known else load_robot(name, stiffness=stiffness)
+        if name in known:
+            return known[name]()
+        return load_robot(name, stiffness=stiffness, actuation=actuation)
     except ModelError as error:
         pytest.skip(str(error))

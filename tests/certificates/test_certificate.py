@@ -286,13 +286,16 @@ def test_a_stance_leg_that_yields_is_not_called_stable():
     assert "1.88 times as stiff" in tips.verdict
 
 
+POSITION = ("--actuation", "position")
+
+
 def test_a_file_with_soft_servos_is_not_certified(tmp_path, capsys):
     """`comwalk certify` of servos that the body sinks on; a profile mends it."""
     text = (Path(comwalk.__file__).parent / "robots" / "paper.xml").read_text()
     (tmp_path / "soft.xml").write_text(re.sub(r'kp="[\d.]+"', 'kp="150"', text))
-    assert main(["certify", str(tmp_path / "soft.xml"), "--json"]) == 1
+    assert main(["certify", str(tmp_path / "soft.xml"), *POSITION, "--json"]) == 1
     told = json.loads(capsys.readouterr().out)
     assert told["verdict"].startswith("UNSTABLE: the servos of a stance leg")
     assert told["stance_stiffness_ratio"] < 1.0
-    assert main(["walk", str(tmp_path / "soft.xml"), "--steps", "2"]) == 2
+    assert main(["walk", str(tmp_path / "soft.xml"), *POSITION, "--steps", "2"]) == 2
     assert "times as stiff" in capsys.readouterr().err

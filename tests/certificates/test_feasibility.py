@@ -464,7 +464,8 @@ def test_servos_that_cannot_hold_the_robot_are_refused_and_the_advice_works(name
     assert not simulate(soft, pattern, force=True).outcome.ok
     found = re.search(r"with servos ([\d.]+) times as stiff", str(caught.value))
     assert found is not None
-    stiff = load_robot(name, stiffness=0.045 * float(found[1]))
+    factor = 0.045 * float(found[1])
+    stiff = robot_of(name, stiffness=factor)
     assert simulate(stiff, pattern).outcome.ok
 
 

@@ -172,7 +172,7 @@ def test_locked_joints_stay_where_they_are(tmp_path, euler):
 
 def test_designed_servos(tmp_path):
     """Legs and torso by m g c_z, and what hangs by its inertia: no note, all marked."""
-    robot = load_robot(write(tmp_path))
+    robot = load_robot(write(tmp_path), actuation="position")
     height = Kinematics(robot).posture(robot.home).com[2]
     stiff = LEG_STIFFNESS * robot.mass * 9.81 * height
     gains = dict(zip(robot.joints, robot.servo.stiffness.tolist(), strict=True))
@@ -184,10 +184,11 @@ def test_designed_servos(tmp_path):
     assert robot.notes == ()
 
 
-def test_servos_scale_with_the_robot(tmp_path):
+@pytest.mark.parametrize("actuation", ["position", "pd"])
+def test_servos_scale_with_the_robot(tmp_path, actuation):
     """Stiffness as length^4, damping as length^4.5, armature as length^5."""
-    one = load_robot(write(tmp_path, scale=1.0))
-    small = load_robot(write(tmp_path, scale=0.25))
+    one = load_robot(write(tmp_path, scale=1.0), actuation=actuation)
+    small = load_robot(write(tmp_path, scale=0.25), actuation=actuation)
     ratio = small.servo.stiffness / one.servo.stiffness
     assert ratio == pytest.approx(0.25**4, rel=2e-2)
     assert small.servo.damping / one.servo.damping == pytest.approx(0.25**4.5, rel=2e-2)
@@ -218,7 +219,7 @@ def test_position_servos_of_the_file_are_kept(tmp_path):
     assert found["left_elbow_y"] == pytest.approx((70.0, 2.0, 9.0))
     assert "waist_z" in robot.anatomy.designed
     assert "left_knee_y" not in robot.anatomy.designed
-    assert any(note.startswith("2 motors get position servos") for note in robot.notes)
+    assert any(note.startswith("2 motors get gains") for note in robot.notes)
 
 
 def test_soft_servos_are_said_to_be(tmp_path):

@@ -335,8 +335,8 @@ def test_servos_and_limits(tmp_path):
             "waist_z": {"upper": 1.0},
         },
     }
-    usual = load_robot(write(tmp_path))
-    robot = load_robot(write(tmp_path), profile=table)
+    usual = load_robot(write(tmp_path), actuation="position")
+    robot = load_robot(write(tmp_path), profile=table, actuation="position")
     j, k, w = (
         robot.joints.index(n) for n in ("left_knee_y", "right_knee_y", "waist_z")
     )

@@ -22,6 +22,7 @@ from comwalk.walking import tick as tick_kernels
 from comwalk.walking.mujoco_exchange import SceneArrays
 from comwalk.walking.mujoco_link import row_type
 from comwalk.walking.mujoco_plant import SimulatedRobot
+from comwalk.walking.wrench_estimate import Observer
 from comwalk.walking.tick import Arrays
 
 SHORT = make_pattern(plan_steps(Gait(half_step=0.05), 1), PAPER_PENDULUM)
@@ -133,11 +134,16 @@ def test_a_taken_log_has_as_many_rows_as_it_is_told():
 
 
 def test_places_in_handles_are_those_of_the_arrays():
-    """The numbers that kernels know arrays by."""
+    """The numbers that kernels know arrays by; those of the observer follow on."""
+    assert Arrays._fields[tick_kernels.AT_OBSERVER :][1:] == (
+        *("motors", "slow", "filtered", "last", "change", "forces", "fit"),
+    )
+    assert len(Arrays._fields) - tick_kernels.AT_OBSERVER == len(Observer._fields)
     for arrays, prefix, module in (
         (Arrays, "AT_", tick_kernels),
         (SceneArrays, "IN_", plant_kernels),
     ):
         for place, name in enumerate(arrays._fields):
-            if name not in ("links", "limbs", "sites", "wanted") or prefix == "IN_":
+            known = place > 3 if prefix == "AT_" else True
+            if known and place <= getattr(module, prefix + "MOTORS"):
                 assert getattr(module, prefix + name.upper()) == place

@@ -185,7 +185,7 @@ def test_what_the_kernels_do_not_solve_is_handed_over():
 def test_joints_that_follow_walk_too(tmp_path):
     """Wrists that follow their elbows."""
     path = write(tmp_path, mimic={"wrist_z": ("elbow_y", -0.7, 0.1)})
-    robot = load_robot(path)
+    robot = load_robot(path, actuation="position")
     assert robot.coupling is not None
     pattern = walk_pattern(robot, 1)
     worst, _ = compare(robot, pattern, default_control(robot), until=2.5)

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 from ..control import Actuation, BodySettings, Control, Gains
 from ..errors import ParameterError
 from ..pattern import Pendulum
-from ..robot import Robot
 from .sampled_loop import SampledLoop, highest_cutoff, spectral_radius
+
+if TYPE_CHECKING:
+    from ..robot import Robot
 
 
 def check_gains(gains: Gains, pendulum: Pendulum, loop: SampledLoop) -> None:

@@ -39,9 +39,9 @@ PD_STIFFNESS, PD_ANKLES = 0.4, 0.4
 """Position gain of legs under torque, in units of weight times CoM height [1/rad], and
 that of ankles as a share of it [-]."""
 
-PD_FREQUENCY, PD_DAMPING = 62.8, 2.0
+PD_FREQUENCY, PD_DAMPING = 60.0, 2.0
 """Natural frequency [rad/s] and damping [-] of a rotor alone on its gains under torque,
-as current sim-to-real code chooses them."""
+as current sim-to-real code chooses them for robots of this height."""
 
 _PD_ARM, _PD_LEAST = 15.0, 0.05  # of free limbs [rad/s]; least gain, as `PD_STIFFNESS`
 _LEAST = 2e-3  # smallest gain of an arm's servo, as a share of a leg's
@@ -81,6 +81,8 @@ class Design:
     """Rotor inertia over position gain [s^2]."""
     weight: float
     """Weight times CoM height [N m], what legs balance."""
+    quickness: float
+    """Natural frequencies over those of a robot of the paper's height [-]."""
 
 
 def given_gains(spec: mujoco.MjSpec) -> dict[str, Gains]:
@@ -153,7 +155,7 @@ def design_servos(model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray) -> Des
         lead = gains[mimic.primary]
         gains[mimic.joint] = lead.times(_IDLE)
         gains[mimic.primary] = lead.times(1.0 + mimic.ratio**2)
-    return Design(gains, ARMATURE * r, weight * height)
+    return Design(gains, ARMATURE * r, weight * height, 1.0 / math.sqrt(r))
 
 
 def takes_positions(
@@ -201,6 +203,7 @@ def soften_servos(
     servos = [a for a in spec.actuators if a.target in design.gains]
     own = [-a.biasprm[1] for a in servos if a.target in legs - {*anatomy.designed}]
     soft = bool(own) and min(own) < SOFTEST * design.weight
+    follows = {mimic.joint for mimic in anatomy.coupled}
     for actuator in servos:
         name = actuator.target
         if pd is not None:
@@ -209,22 +212,21 @@ def soften_servos(
             continue
         else:
             gains = _pd_gains(model, name, design, name in legs, name in ankles)
-        set_gains(actuator, gains)
+        set_gains(actuator, gains.times(_IDLE) if name in follows else gains)
 
 
 def _pd_gains(
     model: mujoco.MjModel, name: str, design: Design, leg: bool, ankle: bool
 ) -> Gains:
     """Return the gains of a joint under torque."""
-    joint = model.joint(name)
-    rotor = float(model.dof_armature[joint.dofadr[0]])
+    frequency = PD_FREQUENCY * design.quickness
+    rotor = float(model.dof_armature[model.joint(name).dofadr[0]])
     most = PD_STIFFNESS * design.weight * (PD_ANKLES if ankle else 1.0)
-    stiffness = min(rotor * PD_FREQUENCY**2, most) if rotor > 0.0 else most
+    stiffness = min(rotor * frequency**2, most) if rotor > 0.0 else most
     if not leg:
-        moved = design.gains[name].stiffness / ARM_FREQUENCY**2
-        least = _PD_LEAST * design.weight
-        stiffness = min(max(stiffness, moved * _PD_ARM**2, least), most)
-    return Gains(stiffness, 2.0 * PD_DAMPING / PD_FREQUENCY * stiffness)
+        free = design.gains[name].stiffness * (_PD_ARM / ARM_FREQUENCY) ** 2
+        stiffness = min(max(stiffness, free, _PD_LEAST * design.weight), most)
+    return Gains(stiffness, 2.0 * PD_DAMPING / frequency * stiffness)
 
 
 def add_servos(

@@ -252,6 +252,8 @@ def aim_joints(
     """
     for j in range(len(joints)):
         out[j], speeds[j] = joints[j].home, 0.0
+        if flat.links[1 + j].leader:
+            out[j], speeds[j] = q[7 + j], v[6 + j]
     for i in range(len(moved)):
         j = moved[i]
         out[j], speeds[j] = joints[j].dance, joints[j].dance_rate

@@ -82,6 +82,13 @@ class SimulatorSettings:
     encoder_step: float = setting(
         0.0, "Resolution of the encoders; 0 is infinite", "rad", "[0, 0.05]"
     )
+    backlash: float = setting(
+        0.0,
+        "Play of every gear: encoders sit on the motors, whose teeth lie on the side "
+        "that they press on",
+        "rad",
+        "[0, 0.05]",
+    )
     imu_tilt: float = setting(
         0.0,
         "Angle by which the IMU is mounted askew, about a horizontal axis drawn once",
@@ -96,6 +103,13 @@ class SimulatorSettings:
         "Age of set-points when the servos get them, rounded to control periods",
         "s",
         "[0, 0.2]",
+    )
+    torque_lag: float = setting(
+        0.0,
+        "Time constant in which motors follow a torque that is fed forward; 0 is at "
+        "once",
+        "s",
+        "[0, 0.05]",
     )
     torque_error: float = setting(
         0.0,

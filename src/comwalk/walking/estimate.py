@@ -28,6 +28,11 @@ from ..embedding import (
 from .foot_contact import IMU, SOLE, foothold, remainder
 from .measurement import find_zmp
 
+DOUBT = 0.008
+"""Distance of the CoM from the model's that torques at rest cannot tell, in CoM heights
+[-]."""
+BY_TORQUES = 1
+"""Number of `GROUND_SENSORS` that are torques."""
 FALLING_TIME = 0.5
 """Time constant in which the ground under the supporting sole is taken as that of the
 plan [s]."""
@@ -300,6 +305,14 @@ def stand_upright(
 
 
 @kernel
+def _doubt(rules: Record, lean: Record) -> None:
+    """Take from a lean what the friction of joints at rest may have feigned."""
+    length, doubt = math.hypot(lean[0], lean[1]), DOUBT * rules.com_height
+    share = max(length - doubt, 0.0) / max(length, 1e-9)
+    lean[0], lean[1] = share * lean[0], share * lean[1]
+
+
+@kernel
 def estimate(
     flat: Flat,
     bodies: np.ndarray,
@@ -334,4 +347,6 @@ def estimate(
     state.feedback_scale = 1.0
     if rules.calibration:
         weigh_standing(rules, state, reference)
+        if state.readings == 1 and rules.sensing == BY_TORQUES:
+            _doubt(rules, state.lean)
     state.trunk_tilt = 2.0 * math.asin(min(1.0, math.hypot(felt[13], felt[14])))

@@ -82,7 +82,7 @@ class SimulatedRobot:
         self.data = mujoco.MjData(self.model)
         self.probe = mujoco.MjData(self.model)
         """Workspace for what must leave no trace in the run."""
-        self.sensors = SensorModel(self.settings, len(robot.joints), seed)
+        self.sensors = SensorModel(self.settings, len(robot.joints), seed, period)
         """What makes readings of the truth."""
         self._actuators = robot.servo.actuators
         self.imu = imu_readings(self.model)
@@ -141,6 +141,9 @@ class SimulatedRobot:
         if len(self.gains):
             self._take_torques(command)
         self.write(command)
+        if self.settings.torque_lag and len(self.gains):
+            places = self.model.actuator_actadr[self._actuators]
+            self.data.act[places] = self.data.ctrl[self._actuators]
         # Sensors need a forward pass; on a copy, it leaves no trace in the run.
         mujoco.mj_copyData(self.probe, self.model, self.data)
         mujoco.mj_forward(self.model, self.probe)

@@ -115,6 +115,10 @@ def build_scene(
         _add_terrain(spec, terrain, settings)
     if settings.payload:
         _add_payload(spec, robot, settings.payload)
+    for actuator in spec.actuators:
+        if settings.torque_lag and robot.servos is not None:
+            actuator.dyntype = mujoco.mjtDyn.mjDYN_FILTEREXACT
+            actuator.dynprm[0] = settings.torque_lag
     for joint in spec.joints:
         if joint.type != mujoco.mjtJoint.mjJNT_FREE:
             joint.damping[0] += settings.joint_damping

@@ -18,19 +18,25 @@ _TURN_NOISE = 2e-3  # [rad]
 _GYRO_NOISE = 1e-2  # [rad/s]
 _ACCELERATION_NOISE = 5e-2  # [m/s^2]
 _TORQUE_NOISE = 0.2  # [N m]
+_PRESSING = 0.3  # torque that presses a gear's teeth to one side [N m]
+_CROSSING = 0.008  # time constant of a motor that crosses the play [s]
 
 
 class SensorModel:
     """What the sensors of one robot make of the truth. Final."""
 
-    def __init__(self, settings: SimulatorSettings, joints: int, seed: int) -> None:
+    def __init__(
+        self, settings: SimulatorSettings, joints: int, seed: int, period: float
+    ) -> None:
         """Draw the flaws that stay.
 
         Args:
             settings: How large they are.
             joints: Number of joints.
             seed: Seed of flaws and noise.
+            period: Time between two readings [s].
         """
+        self._period, self._play = period, np.zeros(joints)
         self._settings, self._rng = settings, np.random.default_rng(seed)
         self._torque_rng = np.random.default_rng((seed, 2))
         once = np.random.default_rng((seed, 1)).standard_normal  # noise stays as it was
@@ -51,7 +57,7 @@ class SensorModel:
         """Whether readings are the truth, at once."""
         s = self._settings
         flaws = (s.noise, s.encoder_zero, s.encoder_step, s.imu_tilt, s.gyro_bias)
-        return not any((*flaws, s.latency, s.torque_error))
+        return not any((*flaws, s.latency, s.torque_error, s.backlash))
 
     def read(self, true: Sensors) -> Sensors:
         """Return what the sensors read.
@@ -65,6 +71,10 @@ class SensorModel:
         s, normal = self._settings, self._rng.standard_normal
         q, wrenches, quat = true.positions + self.zeros, true.wrenches, true.orientation
         gyro, acc = true.gyro, true.acceleration
+        if s.backlash and true.torques is not None:
+            side = 0.5 * s.backlash * np.tanh(true.torques / _PRESSING)
+            self._play += min(self._period / _CROSSING, 1.0) * (side - self._play)
+            q += self._play
         torques = None if true.torques is None else true.torques * self.torque_gains
         if s.imu_tilt:
             R, whole = np.empty(9), np.empty(4)

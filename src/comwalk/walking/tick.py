@@ -40,6 +40,7 @@ from ..handles import floats_at, inlined, records_at
 from ..pattern import PHASE, REFERENCE, fill_reference
 from .action import dance_at, keeps_limits, plan_torques, set_points, want
 from .estimate import (
+    BY_TORQUES,
     estimate,
     estimate_posture,
     estimate_velocity,
@@ -50,6 +51,7 @@ from .estimate import (
 from .measurement import measure
 from .records import JOINT, RULES, STATE
 from .torques import (
+    NOT_FELT,
     aim_joints,
     bear_on_soles,
     feel_landing,
@@ -61,9 +63,6 @@ from .wrench_estimate import (
     follow_forces,
     friction_of,
 )
-
-BY_TORQUES, NOT_AT_ALL = 1, 2
-"""How the ground is felt, where not by sensors at the ankles."""
 
 HANDED_OVER = -1
 """What `act` and `tick` return where the robust solver has to resolve the task."""
@@ -236,7 +235,7 @@ def take_measurement(handle: np.ndarray) -> None:
     else:
         scratch = wanted_at(handle)[0].scratch
         measure(flat, rules, state, sensed, felt, reference, scratch)
-    if rules.sensing == NOT_AT_ALL:
+    if rules.sensing == NOT_FELT:
         state.load = rules.weight
         state.zmp[0] = state.zmp[1] = math.nan
 
@@ -268,7 +267,7 @@ def control(handle: np.ndarray) -> None:
     )
     ring = past.reshape((len(past) // 4, 4))
     zmp = state.zmp
-    if records_at(handle, AT_RULES, RULES)[0].sensing == NOT_AT_ALL:
+    if records_at(handle, AT_RULES, RULES)[0].sensing == NOT_FELT:
         zmp = reference.zmp  # no error: the law with k_p = 0
     apply_law(law, law_state, ring, reference, state.com, zmp, state.feedback_scale)
 

@@ -205,17 +205,18 @@ def _robot_table(findings: Findings) -> Table:
     def cells(robot: str) -> Iterator[str]:
         r = findings.one(robot, "about")
         if r is None or r["outcome"] != "completed":
-            yield from [""] * 6 if r is None else [_short(r["cause"]), *[""] * 5]
+            yield from [""] * 7 if r is None else [_short(r["cause"]), *[""] * 6]
             return
         yield f"{r['mass_kg']:.1f}"
         yield str(r["joints"])
         yield f"{r['com_height_m']:.3f}"
         yield " x ".join(f"{x:.0f}" for x in r["sole_mm"])
+        yield "position" if r["actuation"] == "position" else "torque"
         yield f"{r['step_m']:.3f}"
         yield f"{r['period_s']:.2f}"
 
     head = ("robot", "mass [kg]", "joints", "CoM height [m]", "sole [mm]")
-    head += ("step [m]", "step time [s]")
+    head += ("by", "step [m]", "step time [s]")
     return "The robots and their natural gait", head, _rows(findings, cells)
 
 

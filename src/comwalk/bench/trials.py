@@ -392,6 +392,7 @@ def _about(robot: str, case: Case) -> dict[str, Any]:
         "mass_kg": mass,
         "joints": joints,
         "com_height_m": setup.pattern.pendulum.height,
+        "actuation": str(model.actuation) if model else "position",
         "sole_mm": [1e3 * x for x in setup.pattern.plan.sole_size],
         "step_m": gait.step_length,
         "period_s": gait.period,

@@ -120,6 +120,7 @@ def describe(robot: Robot) -> dict[str, Any]:
         "soles": _soles(robot),
         "bend_rad": round(_bend(robot), 4),
         "home_rad": {k: round(q, 4) for k, q in robot.home_angles.items()},
+        "actuation": str(robot.actuation),
         "servos": _servos(robot),
         "missing_limits": _missing(robot),
         "roles": {role: joint for role, (joint, _) in robot.roles.items()},
@@ -222,6 +223,7 @@ def rows_of(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
     rows.append(("IMU on", facts["imu"]))
     soles = {side: _sole_text(sole) for side, sole in facts["soles"].items()}
     rows += [(f"{side} sole", text) for side, text in soles.items()]
+    rows.append(("joints take", _TAKEN[facts["actuation"]]))
     rows += _servo_rows(facts)
     for what, joints in facts["missing_limits"].items():
         rows.append((f"no {what} limit", first_of(joints) if joints else ""))
@@ -235,6 +237,13 @@ def rows_of(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
     )
     rows += [("note", note) for note in facts["notes"]]
     return [(name, text) for name, text in rows if text]
+
+
+_TAKEN = {
+    "position": "positions (--actuation position)",
+    "pd": "torques, with gains about positions (--actuation pd)",
+    "torque": "torques alone (--actuation torque)",
+}
 
 
 def _listed(names: Iterable[str]) -> str:

@@ -52,8 +52,8 @@ class ModelConfig:
     pd: tuple[float, float, float] | None = setting(
         None,
         "Gains of joints that take torques, instead of the robot's own: position gain "
-        "of all but ankles, of ankles, and velocity gain",
-        "N m/rad, N m/rad, N m s/rad",
+        "of all but ankles, of ankles [N m/rad], and velocity gain [N m s/rad]",
+        "",
         "[0, 1e6]",
         items=("joints", "ankles", "damping"),
     )

@@ -22,8 +22,8 @@ from comwalk.walking import tick as tick_kernels
 from comwalk.walking.mujoco_exchange import SceneArrays
 from comwalk.walking.mujoco_link import row_type
 from comwalk.walking.mujoco_plant import SimulatedRobot
-from comwalk.walking.wrench_estimate import Observer
 from comwalk.walking.tick import Arrays
+from comwalk.walking.wrench_estimate import Observer
 
 SHORT = make_pattern(plan_steps(Gait(half_step=0.05), 1), PAPER_PENDULUM)
 

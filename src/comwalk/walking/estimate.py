@@ -28,6 +28,8 @@ from ..embedding import (
 from .foot_contact import IMU, SOLE, foothold, remainder
 from .measurement import find_zmp
 
+DRAG_RATE = 4.0
+"""How fast a drag on the CoM is learnt [1/s]."""
 DOUBT = 0.008
 """Distance of the CoM from the model's that torques at rest cannot tell, in CoM heights
 [-]."""
@@ -273,12 +275,15 @@ def _follow_com(rules: Record, state: Record) -> None:
     """Follow the CoM's velocity: by what was asked for, and slowly what joints say.
 
     Joints sense it with noise and late, so that what is foreseen passes their filter
-    before both are compared.
+    before both are compared. What lasts of their difference is a drag, such as that of
+    friction that is not known, which the next acceleration makes up for.
     """
     for i in range(3):
-        error = state.seen_velocity[i] - state.slow_velocity[i]
-        step = rules.period * state.com_asked[i] + rules.com_share * error
-        state.com_velocity[i] += step
+        correction = rules.com_share * (state.seen_velocity[i] - state.slow_velocity[i])
+        if i < 2:
+            state.drag[i] += DRAG_RATE * correction
+        asked = rules.period * (state.com_asked[i] + state.drag[i])
+        state.com_velocity[i] += asked + correction
         slow = state.com_velocity[i] - state.slow_velocity[i]
         state.slow_velocity[i] += rules.rate_share * slow
 

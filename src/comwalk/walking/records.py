@@ -95,6 +95,7 @@ STATE = np.dtype(
         ("com_velocity", "f8", 3),  # [m/s]
         ("seen_velocity", "f8", 3),  # of the CoM, by the joints [m/s]
         ("slow_velocity", "f8", 3),  # of the CoM, after the joints' filter [m/s]
+        ("drag", "f8", 3),  # acceleration that the CoM misses of what is asked [m/s^2]
         ("com_bias", "f8", 3),  # [m/s^2]
         ("com_asked", "f8", 3),  # the CoM's acceleration of the last tick [m/s^2]
         ("twist", "f8", 6),
@@ -102,6 +103,7 @@ STATE = np.dtype(
         ("away", "f8", 6),  # error of the swing foot [m; rad]
         ("pressed", "f8", 2),  # loads of the feet, low-passed, over the weight [-]
         ("landed", "i8", 2),  # which feet are on the ground
+        ("share", "f8"),  # of the left foot, as asked [-]
         ("shifted", "f8"),  # by how much the ZMP asked for was moved into the sole [m]
         ("slid", "f8"),  # force beyond the friction [N]
         ("weak", "i8"),  # joints at their torque limits

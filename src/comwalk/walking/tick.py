@@ -55,13 +55,13 @@ from .torques import (
     aim_joints,
     bear_on_soles,
     feel_landing,
+    limit_torques,
     want_accelerations,
 )
 from .wrench_estimate import (
     Observer,
     fit_wrenches,
     follow_forces,
-    friction_of,
 )
 
 HANDED_OVER = -1
@@ -391,9 +391,8 @@ def exert(handle: np.ndarray) -> None:
         floats_at(handle, AT_SET_POINTS),
         floats_at(handle, AT_SPEEDS),
     )
-    torques, speeds = floats_at(handle, AT_TORQUES), floats_at(handle, AT_SPEEDS)
-    for j in range(len(joints)):
-        torques[j] = joints[j].torque + friction_of(joints[j], speeds[j])
+    speeds, torques = floats_at(handle, AT_SPEEDS), floats_at(handle, AT_TORQUES)
+    limit_torques(state, joints, speeds, torques)
 
 
 @kernel

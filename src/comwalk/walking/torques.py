@@ -31,6 +31,7 @@ from ..embedding import (
 from ..pattern import Phase
 from .action import push_on
 from .foot_contact import foothold
+from .wrench_estimate import friction_of
 
 LEFT_ALONE, RIGHT_ALONE = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
 
@@ -76,13 +77,34 @@ def feel_landing(rules: Record, state: Record, reference: Record) -> None:
 
 
 @kernel
+def _sole_box(
+    rules: Record, reference: Record, share: float
+) -> tuple[float, float, float, float]:
+    """Return cosine and sine of the yaw, half length and width of the nearer sole."""
+    k = 0 if share >= 0.5 else 1
+    yaw, half = reference.feet[k].yaw, rules.sole_half[k]
+    return math.cos(yaw), math.sin(yaw), SOLE_SHARE * half[0], SOLE_SHARE * half[1]
+
+
+@kernel
+def _within(
+    x: float, way: float, half: float, low: float, high: float
+) -> tuple[float, float]:
+    """Return between which shares s, low and high, x - s way is in [-half, half]."""
+    if abs(way) < 1e-9:
+        return low, high
+    one, other = (x - half) / way, (x + half) / way
+    return max(low, min(one, other)), min(high, max(one, other))
+
+
+@kernel
 def hold_in_soles(
     flat: Flat, rules: Record, reference: Record, x: float, y: float
 ) -> tuple[float, float, float, float, float]:
-    """Return the point of the support nearest to a point, and how both soles make it.
+    """Return a point of the support near a point, and how both soles make it.
 
     The support is taken as the boxes of both soles and all between them, with the axes
-    of the foot that bears more.
+    of the foot that is nearer. Inside it, a point stays where it is.
 
     Returns:
         The point, x and y [m], world; the share of the left foot [-]; and where each
@@ -91,17 +113,20 @@ def hold_in_soles(
     left, right = _support(reference)
     a, b, _ = site_point(flat, flat.limbs[0].site)
     c, d, _ = site_point(flat, flat.limbs[1].site)
-    share = 1.0 if left else 0.0
+    share, e, f = 1.0 if left else 0.0, a - c, b - d
     if left and right:
-        e, f = a - c, b - d
         share = min(max(((x - c) * e + (y - d) * f) / (e * e + f * f), 0.0), 1.0)
+    if left and right:
+        C, S, h, w = _sole_box(rules, reference, share)
+        u, v = C * (x - c) + S * (y - d), C * (y - d) - S * (x - c)
+        low, high = _within(u, C * e + S * f, h, 0.0, 1.0)
+        low, high = _within(v, C * f - S * e, w, low, high)
+        share = min(max(share, low), high) if low <= high else 0.5 * (low + high)
+        share = min(max(share, 0.0), 1.0)
+    C, S, h, w = _sole_box(rules, reference, share)
     o_x, o_y = share * a + (1.0 - share) * c, share * b + (1.0 - share) * d
-    k = 0 if share >= 0.5 else 1
-    yaw, half = reference.feet[k].yaw, rules.sole_half[k]
-    C, S = math.cos(yaw), math.sin(yaw)
     u, v = C * (x - o_x) + S * (y - o_y), C * (y - o_y) - S * (x - o_x)
-    u = min(max(u, -SOLE_SHARE * half[0]), SOLE_SHARE * half[0])
-    v = min(max(v, -SOLE_SHARE * half[1]), SOLE_SHARE * half[1])
+    u, v = min(max(u, -h), h), min(max(v, -w), w)
     r_x, r_y = C * u - S * v, S * u + C * v
     return o_x + r_x, o_y + r_y, share, r_x, r_y
 
@@ -117,8 +142,9 @@ def _want_com(
     arm = c[2] / (rules.gravity + lift)
     a_x = ref.com_acceleration[0] + k_v * (law.u[0] - state.com_velocity[0])
     a_y = ref.com_acceleration[1] + k_v * (law.u[1] - state.com_velocity[1])
+    a_x, a_y = a_x - state.drag[0], a_y - state.drag[1]
     p_x, p_y = c[0] - arm * a_x, c[1] - arm * a_y
-    x, y, _, _, _ = hold_in_soles(flat, rules, ref, p_x, p_y)
+    x, y, state.share, _, _ = hold_in_soles(flat, rules, ref, p_x, p_y)
     state.shifted = math.hypot(x - p_x, y - p_y)
     asked = state.com_asked
     asked[0], asked[1], asked[2] = (c[0] - x) / arm, (c[1] - y) / arm, lift
@@ -278,20 +304,23 @@ def _aim_foot(
     speeds: np.ndarray,
 ) -> None:
     """Write where the joints of a swinging leg are to be, unless it is singular."""
-    rest, twist = state.drift, limb.twist
+    asked, twist, rest = state.twist, limb.twist, state.drift
     for i in range(6):
-        twist[i], rest[i] = state.away[i], 0.0
-    if resolve_limb(flat, limb, wanted, rest[:3], rest[3:]) != SOLVED:
-        return
-    for n in range(limb.own):
-        out[limb.chain[n] - 1] += flat.links[limb.chain[n]].rate
+        asked[i], twist[i], rest[i] = twist[i], state.away[i], 0.0
+    trunk = (wanted.trunk[0], wanted.trunk[1], wanted.trunk[2])
+    if resolve_limb(flat, limb, wanted, rest[:3], rest[3:]) == SOLVED:
+        for n in range(limb.own):
+            out[limb.chain[n] - 1] += flat.links[limb.chain[n]].rate
+        for i in range(3):
+            twist[i], twist[3 + i] = foot.velocity[i], 0.0
+        twist[5] = foot.yaw_rate
+        resolve_limb(flat, limb, wanted, bodies[0].velocity, bodies[0].spin)
+        for n in range(limb.own):
+            speeds[limb.chain[n] - 1] = flat.links[limb.chain[n]].rate
+    for i in range(6):  # the task of the tick is left as it was
+        twist[i] = asked[i]
     for i in range(3):
-        twist[i], twist[3 + i] = foot.velocity[i], 0.0
-    twist[5] = foot.yaw_rate
-    if resolve_limb(flat, limb, wanted, bodies[0].velocity, bodies[0].spin) != SOLVED:
-        return
-    for n in range(limb.own):
-        speeds[limb.chain[n] - 1] = flat.links[limb.chain[n]].rate
+        wanted.trunk[i] = trunk[i]
 
 
 @kernel
@@ -313,8 +342,9 @@ def bear_on_soles(
         t: Generalised forces of the motion, `dynamics.load_links`.
         joints: Where the torques go.
     """
-    k, p = state.support, flat.links[0].p
-    ground = site_point(flat, flat.limbs[k].site)[2]
+    p, share = flat.links[0].p, state.share
+    ground = share * site_point(flat, flat.limbs[0].site)[2]
+    ground += (1.0 - share) * site_point(flat, flat.limbs[1].site)[2]
     ratio = state.mass_ratio
     f_x, f_y, f_z = ratio * t[0], ratio * t[1], max(ratio * t[2], 1.0)
     c, s, lean = math.cos(reference.heading), math.sin(reference.heading), state.lean
@@ -337,9 +367,23 @@ def bear_on_soles(
     wrench = (f_x, f_y, f_z, r_y * f_z, -r_x * f_z, m_z + r_x * f_y - r_y * f_x)
     push_on(flat, 0, wrench, share, joints)
     push_on(flat, 1, wrench, 1.0 - share, joints)
+
+
+@kernel
+def limit_torques(
+    state: Record, joints: np.ndarray, speeds: np.ndarray, torques: np.ndarray
+) -> None:
+    """Write the torques of the motors: with the friction that is known, within limits.
+
+    Args:
+        state: Its `weak` counts the joints at their limits.
+        joints: Torques, friction and limits.
+        speeds: Set-points of the joints' rates [rad/s].
+        torques: Where they go [N m].
+    """
     state.weak = 0
     for j in range(len(joints)):
         joint = joints[j]
-        if abs(joint.torque) > joint.most:
-            joint.torque = math.copysign(joint.most, joint.torque)
-            state.weak += 1
+        torque = joint.torque + friction_of(joint, speeds[j])
+        torques[j] = min(max(torque, -joint.most), joint.most)
+        state.weak += torques[j] != torque

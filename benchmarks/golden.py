@@ -23,6 +23,7 @@ import comwalk as cw
 
 ROBOTS = ("paper", "jvrc1", "talos", "g1", "romeo", "icub")
 STEPS = 8
+POSITION = ("--actuation", "position")  # as earlier versions walked
 TOLERANCE = 1e-10
 CLOCKS = {"compute_s"}  # columns that hold wall-clock times
 Columns = dict[str, np.ndarray]
@@ -44,7 +45,7 @@ def _command_line(*words: str) -> Columns:
 def _commanded(robot: str) -> Columns:
     """Walk an `OnlinePattern` that is given three commands."""
     parts = _parts()
-    model = cw.load_robot(robot)
+    model = cw.load_robot(robot, actuation="position")
     gait, control = cw.default_gait(model), parts["default_control"](model)
     speed = 2 * gait.half_step / gait.period
     orders = [(0.0, (speed, 0, 0)), (3.3, (0.6 * speed, 0, 0.1)), (5.6, (0, 0, 0))]
@@ -112,12 +113,12 @@ def cases(robot: str) -> Iterator[tuple[str, Callable[[], Columns]]]:
     steps = ("--steps", str(STEPS))
     force = ("0", "40", "0") if robot != "icub" else ("0", "10", "0")
     commands = {
-        "walk": ("walk", robot, *steps),
-        "dance": ("dance", robot, "--duration", "6"),
-        "walk_dance": ("walk", robot, *steps, "--motion", "disco"),
-        "noise": ("walk", robot, *steps, "--simulator.noise", "1"),
-        "latency": ("walk", robot, *steps, "--simulator.latency", "0.01"),
-        "push": ("walk", robot, *steps, "--push", "3.1:" + ",".join(force)),
+        "walk": ("walk", robot, *POSITION, *steps),
+        "dance": ("dance", robot, *POSITION, "--duration", "6"),
+        "walk_dance": ("walk", robot, *POSITION, *steps, "--motion", "disco"),
+        "noise": ("walk", robot, *POSITION, *steps, "--simulator.noise", "1"),
+        "latency": ("walk", robot, *POSITION, *steps, "--simulator.latency", "0.01"),
+        "push": ("walk", robot, *POSITION, *steps, "--push", "3.1:" + ",".join(force)),
     }
     for name, words in commands.items():
         yield name, lambda words=words: _command_line(*words)

@@ -47,7 +47,7 @@ class Gained(NamedTuple):
 
 def sets_of(robot: str) -> Iterator[Gained]:
     """Yield the paper's gains and designed ones, each with its filter."""
-    model = load_robot(robot)
+    model = load_robot(robot, actuation="position")
     pendulum, loop = default_pendulum(model), sampled_loop_of(Control())
     ours = design(pendulum, loop, DesignGoal(step_time=default_gait(model).period))
     cutoff = 4.0 * pendulum.omega / PAPER_PENDULUM.omega

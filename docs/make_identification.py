@@ -35,7 +35,14 @@ from comwalk.certificates.identification import (
     measured_margin,
 )
 from comwalk.config import IdentifyConfig
-from comwalk.control import Control, ControlOutput, Gains, Push, SimulatorSettings
+from comwalk.control import (
+    Actuation,
+    Control,
+    ControlOutput,
+    Gains,
+    Push,
+    SimulatorSettings,
+)
 from comwalk.robot import Robot, load_robot
 from comwalk.run import simulate
 from comwalk.setup import IdentifySetup, build_identify
@@ -67,7 +74,9 @@ class Built:
     def setup(self, robot: str) -> IdentifySetup:
         """Return the robot that has it."""
         physics = SimulatorSettings(latency=self.latency, noise=self.noise)
-        setup = build_identify(IdentifyConfig(robot=robot, simulator=physics))
+        setup = build_identify(
+            IdentifyConfig(robot=robot, actuation=Actuation.POSITION, simulator=physics)
+        )
         plant, servo = setup.plant, setup.robot.servo
         plant.model.actuator_biasprm[servo.actuators, 2] *= self.damped
         return setup
@@ -155,7 +164,7 @@ def grows(robot: str, axis: int, ticks: int) -> tuple[bool, float]:
 
     A swing that decays is below a tenth of the threshold a second after the push.
     """
-    setup = build_identify(IdentifyConfig(robot=robot))
+    setup = build_identify(IdentifyConfig(robot=robot, actuation=Actuation.POSITION))
     control = control_of(setup.robot)
     force = np.zeros(3)
     force[axis] = PUSH_SHARE * setup.robot.mass * setup.robot.gravity
@@ -195,7 +204,7 @@ def found_delay(robot: str, axis: int, guess: float) -> tuple[float, float]:
 
 def walks(robot: str, ticks: int) -> bool:
     """Walk six steps with late sensors, of which the controller knows."""
-    setup = build_identify(IdentifyConfig(robot=robot))
+    setup = build_identify(IdentifyConfig(robot=robot, actuation=Actuation.POSITION))
     control = control_of(setup.robot)
     settings = replace(control.settings, delay=ticks)
     known = replace(control, settings=settings)
@@ -275,7 +284,7 @@ def mode_row(robot: str, found: Identified) -> str:
 
 def delay_rows(robot: str, found: Identified) -> list[str]:
     """Return the rows of one robot in the table of delays."""
-    setup = build_identify(IdentifyConfig(robot=robot))
+    setup = build_identify(IdentifyConfig(robot=robot, actuation=Actuation.POSITION))
     control, rows = control_of(setup.robot), []
     cutoff = control.settings.zmp_cutoff
     guesses = []
@@ -306,7 +315,7 @@ def delay_rows(robot: str, found: Identified) -> list[str]:
 
 def observed_rows(robot: str) -> list[str]:
     """Return the rows of one robot in the table of bounds and errors."""
-    loaded, rows = load_robot(robot), []
+    loaded, rows = load_robot(robot, actuation=Actuation.POSITION), []
     pattern, control = walk_pattern(loaded, 6), control_of(loaded)
     for push in (0.0, PUSH_OBSERVED):
         force = (0.0, push * loaded.mass * loaded.gravity, 0.0)

@@ -230,7 +230,6 @@ def findings_of_everything():
         elif case is ABOUT:
             result |= {"mass_kg": 50.0, "joints": 20, "com_height_m": 0.6}
             result |= {"sole_mm": [200.0, 100.0], "step_m": 0.2, "period_s": 1.0}
-            result |= {"actuation": "pd"}
         elif case is SPEED:
             result = {"outcome": "found", "speed_m_s": 0.5, "cause": "torque of knee"}
         elif case.push is not None:

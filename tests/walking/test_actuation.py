@@ -145,7 +145,7 @@ def test_the_certificate_knows_the_servo_of_the_com():
 
 
 def test_sensors_that_are_not_there_leave_the_law_without_zmp():
-    """The law has no ZMP error, the log no ZMP, and the summary the true one's error."""
+    """The law has no ZMP error, the log no ZMP, the summary the true one's error."""
     setup = build_walk(WalkConfig(steps=2, actuation="pd", sensors="none"))
     run = setup.run()
     assert run.outcome.ok

@@ -205,18 +205,17 @@ def _robot_table(findings: Findings) -> Table:
     def cells(robot: str) -> Iterator[str]:
         r = findings.one(robot, "about")
         if r is None or r["outcome"] != "completed":
-            yield from [""] * 7 if r is None else [_short(r["cause"]), *[""] * 6]
+            yield from [""] * 6 if r is None else [_short(r["cause"]), *[""] * 5]
             return
         yield f"{r['mass_kg']:.1f}"
         yield str(r["joints"])
         yield f"{r['com_height_m']:.3f}"
         yield " x ".join(f"{x:.0f}" for x in r["sole_mm"])
-        yield "position" if r["actuation"] == "position" else "torque"
         yield f"{r['step_m']:.3f}"
         yield f"{r['period_s']:.2f}"
 
     head = ("robot", "mass [kg]", "joints", "CoM height [m]", "sole [mm]")
-    head += ("by", "step [m]", "step time [s]")
+    head += ("step [m]", "step time [s]")
     return "The robots and their natural gait", head, _rows(findings, cells)
 
 
@@ -327,7 +326,8 @@ INTRODUCTION = """\
 # Robots
 
 Written by `comwalk bench robots --write`; do not edit. Every robot walks with the
-defaults that comwalk derives from its model.
+defaults that comwalk derives from its model, by position on servos that hold it; how they
+walk by torque on soft gains is in [torque.md](torque.md).
 
 - **ok, 12 mm 0.3 deg**: the walk was completed, and ended that far from the plan.
 - A rough floor is made of boxes of 16 cm with random tops from a fifth of its height to

@@ -75,7 +75,7 @@ def prepare(robot: str, case: Case) -> Setup:
     Raises:
         ComwalkError: If comwalk refuses the robot, the plan or a setting.
     """
-    keys = {"robot": robot, **case.keys}
+    keys = {"robot": robot, "actuation": "position", **case.keys}
     if case.task == "dance":
         return build_dance(make_config(DanceConfig, tables_of(keys)))
     gait = gait_of(robot, case)
@@ -116,7 +116,7 @@ def tables_of(keys: Keys) -> dict[str, Any]:
 
 @cache
 def _loaded(robot: str) -> Robot:
-    return load_robot(robot)
+    return load_robot(robot, actuation="position")
 
 
 def _natural_gait(robot: str) -> Gait:
@@ -392,7 +392,6 @@ def _about(robot: str, case: Case) -> dict[str, Any]:
         "mass_kg": mass,
         "joints": joints,
         "com_height_m": setup.pattern.pendulum.height,
-        "actuation": str(model.actuation) if model else "position",
         "sole_mm": [1e3 * x for x in setup.pattern.plan.sole_size],
         "step_m": gait.step_length,
         "period_s": gait.period,

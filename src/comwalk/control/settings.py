@@ -220,14 +220,14 @@ class BodySettings:
         "(0, 100]",
     )
     rate_cutoff: float = setting(
-        40.0,
+        30.0,
         "Cut-off of the low-pass filter on differences of the encoders, from which "
         "torques are computed",
         "Hz",
         "[1, 1000]",
     )
     com_cutoff: float = setting(
-        10.0,
+        7.0,
         "Cut-off below which the CoM's velocity is what the joints say, and above "
         "which what was asked for, by torque",
         "Hz",

@@ -326,8 +326,8 @@ INTRODUCTION = """\
 # Robots
 
 Written by `comwalk bench robots --write`; do not edit. Every robot walks with the
-defaults that comwalk derives from its model, by position on servos that hold it; how they
-walk by torque on soft gains is in [torque.md](torque.md).
+defaults that comwalk derives from its model, by position on servos that hold it; by
+torque on soft gains: [torque.md](torque.md).
 
 - **ok, 12 mm 0.3 deg**: the walk was completed, and ended that far from the plan.
 - A rough floor is made of boxes of 16 cm with random tops from a fifth of its height to

@@ -214,17 +214,15 @@ def build_certificate(config: CertifyConfig) -> Certificate:
     gains = stated_gains(config.gains, default_gains(robot, period=period))
     settings = default_control_settings(robot, gains, pendulum=pendulum, period=period)
     control = Control(gains=gains, settings=settings, period=period)
-    loop = sampled_loop_of(control, servo_lag_of(robot))
-    loop = config.loop.over(loop)
+    loop = config.loop.over(sampled_loop_of(control, servo_lag_of(robot)))
     a, b = config.disturbance
     if config.design is not None:
         goal = _goal(config.design, robot, a, b)
         gains, cutoff = design(pendulum, loop, goal)
         loop = dataclasses.replace(loop, zmp_cutoff=cutoff)
-    room = sole_room(robot)
-    stance, exact = stance_ratio(robot), config.exact
+    room, stance = sole_room(robot), stance_ratio(robot)
     return certify(
-        pendulum, gains, loop, a=a, b=b, room=room, stance=stance, exact=exact
+        pendulum, gains, loop, a=a, b=b, room=room, stance=stance, exact=config.exact
     )
 
 
@@ -366,6 +364,9 @@ def _setup(config: RobotConfig, robot: Robot, pattern: Pattern) -> Setup:
     settings = default_control_settings(
         robot, gains, pendulum=pattern.pendulum, period=period
     )
+    blind = config.sensors == "none"
+    if blind:
+        gains = dataclasses.replace(gains, zmp=(0.0, 0.0), standing_zmp=(0.0, 0.0))
     control = Control(
         gains=gains,
         settings=config.control.over(settings),
@@ -380,6 +381,7 @@ def _setup(config: RobotConfig, robot: Robot, pattern: Pattern) -> Setup:
         control=control,
         physics=config.physics,
         seed=config.seed,
+        notes=("nothing feels the ground: the law has k_p = 0",) if blind else (),
     )
 
 
@@ -448,7 +450,7 @@ def _dancing(setup: Setup, config: WalkConfig | DanceConfig, prefix: str) -> Set
     embedded, notes = (embedded, ()) if known else fitted(embedded, limits)
     if notes:
         notes = (f"the dance is made to fit the robot: {', '.join(notes)}",)
-    return dataclasses.replace(setup, motion=embedded, notes=notes)
+    return dataclasses.replace(setup, motion=embedded, notes=(*setup.notes, *notes))
 
 
 def _option(config: WalkConfig | DanceConfig, name: str) -> Any:

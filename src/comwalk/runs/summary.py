@@ -105,8 +105,11 @@ def dance_figures(log: Log) -> dict[str, Any]:
     """
     place = log["com_ref"][:, :2]
     names = {"commanded": "com_command", "measured": "com", "true": "com_true"}
+    unfelt = np.isnan(log["zmp"]).all()
     return {
-        "zmp_deviation_max_mm": _largest_mm(log["zmp"] - place),
+        "zmp_deviation_max_mm": _largest_mm(
+            log["zmp_true" if unfelt else "zmp"] - place
+        ),
         "com_deviation_max_mm": {
             name: _largest_mm(log[column][:, :2] - place)
             for name, column in names.items()

@@ -27,14 +27,13 @@ from ..embedding import (
 )
 from .foot_contact import IMU, SOLE, foothold, remainder
 from .measurement import find_zmp
+from .records import BY_TORQUES
 
 DRAG_RATE = 4.0
 """How fast a drag on the CoM is learnt [1/s]."""
 DOUBT = 0.008
 """Distance of the CoM from the model's that torques at rest cannot tell, in CoM heights
 [-]."""
-BY_TORQUES = 1
-"""Number of `GROUND_SENSORS` that are torques."""
 FALLING_TIME = 0.5
 """Time constant in which the ground under the supporting sole is taken as that of the
 plan [s]."""

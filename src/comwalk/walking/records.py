@@ -23,6 +23,9 @@ from ..embedding import DANCE, EmbeddedMotion, rotate_twist
 from ..robot import Foot, Kinematics, Robot
 from ..sides import Side
 
+BY_TORQUES, NOT_FELT = (GROUND_SENSORS.index(word) for word in ("torque", "none"))
+"""Numbers of `GROUND_SENSORS` in `RULES`."""
+
 RULES = np.dtype(
     [
         ("period", "f8"),  # [s]
@@ -46,8 +49,7 @@ RULES = np.dtype(
         ("embed", "i8"),
         ("compensate", "i8"),
         ("solvable", "i8"),  # whether the kernels resolve this robot's tasks
-        # How the ground is felt: 0 by ankle sensors, 1 by torques, 2 not at all.
-        ("sensing", "i8"),
+        ("sensing", "i8"),  # how the ground is felt, one of `GROUND_SENSORS`
         ("observer_share", "f8"),  # coefficient of the observer's filter [-]
         ("com_height", "f8"),  # of the standing robot [m]
         # Control by torque.

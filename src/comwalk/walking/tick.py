@@ -40,7 +40,6 @@ from ..handles import floats_at, inlined, records_at
 from ..pattern import PHASE, REFERENCE, fill_reference
 from .action import dance_at, keeps_limits, plan_torques, set_points, want
 from .estimate import (
-    BY_TORQUES,
     estimate,
     estimate_posture,
     estimate_velocity,
@@ -49,9 +48,8 @@ from .estimate import (
     stand_upright,
 )
 from .measurement import measure
-from .records import JOINT, RULES, STATE
+from .records import BY_TORQUES, JOINT, NOT_FELT, RULES, STATE
 from .torques import (
-    NOT_FELT,
     aim_joints,
     bear_on_soles,
     feel_landing,

@@ -31,6 +31,7 @@ from ..embedding import (
 from ..pattern import Phase
 from .action import push_on
 from .foot_contact import foothold
+from .records import NOT_FELT
 from .wrench_estimate import friction_of
 
 LEFT_ALONE, RIGHT_ALONE = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
@@ -43,8 +44,6 @@ LANDING_LOAD, LETTING_GO = 0.12, 0.04
 again [-]."""
 FEELING_TIME = 0.015
 """Time constant of the low-pass on the feet's loads for that [s]."""
-NOT_FELT = 2
-"""Number of `GROUND_SENSORS` without any."""
 SOLE_SHARE = 0.9
 """Share of the soles that the ZMP asked for may use [-]."""
 

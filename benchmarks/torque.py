@@ -110,8 +110,8 @@ def cases() -> Rows:
 
 def wrenches() -> Rows:
     """Yield what the ZMP from torques is worth, walking and pushed."""
-    head = ("0", "0.5", "1", "pushed, 0.5")
-    yield ("robot", *(f"friction {x}: error, worst [mm]" for x in head), "CoM rms lost")
+    head = ("friction 0", "0.5 N m", "1 N m", "0.5 N m, pushed")
+    yield ("robot", *(f"{x}: rms, worst [mm]" for x in head), "CoM rms")
     for name in ROBOTS:
         setup = setup_of(name, 12, **PD)
         if setup is None:

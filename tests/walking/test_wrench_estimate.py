@@ -440,10 +440,11 @@ def test_without_sensors_the_law_has_no_zmp(actuation):
     laws = []
     for k_p in (0.0, 1.0):
         own = walk.control.gains
+        assert own.zmp == (0.0, 0.0)
         gains = dataclasses.replace(
             own,
-            zmp=tuple(k_p * np.array(own.walking[0])),
-            standing_zmp=tuple(k_p * np.array(own.standing[0])),
+            zmp=(k_p, k_p),
+            standing_zmp=(0.5 * k_p, 0.5 * k_p),
             standing_com=own.standing[1],
         )
         law = WalkingController(gains, walk.control.settings, period)

@@ -19,6 +19,7 @@ from ..embedding import (
     find_levers,
     move_com,
     move_links,
+    move_site,
     place_links,
     rotation,
     site_point,
@@ -207,16 +208,9 @@ def estimate_posture(
     support = int(reference.support)
     state.heights[support] *= 1.0 - rules.period / FALLING_TIME
     if support != state.support:
-        body = state.level
-        for i in range(3):
-            for j in range(3):
-                state.soles[0, i, j] = body[i, j]
         place_links(flat.links, q)
         _step_over(flat, state, reference, support)
         place_links(flat.links, sensed)
-        for i in range(3):
-            for j in range(3):
-                body[i, j] = state.soles[0, i, j]
         _stand_on(flat, state, reference, support, q)
     place_links(flat.links, q)
 
@@ -254,19 +248,11 @@ def estimate_velocity(
                 v[3 + i] -= links[k].a[i] * rates[k - 1]
         k = links[k].parent
     move_links(flat, bodies, v)
-    k = flat.sites[SOLE + state.support].link
-    spin, r = bodies[k].spin, turned(links[k].R, flat.sites[SOLE + state.support].point)
-    x = bodies[k].velocity[0] + spin[1] * r[2] - spin[2] * r[1]
-    y = bodies[k].velocity[1] + spin[2] * r[0] - spin[0] * r[2]
-    z = bodies[k].velocity[2] + spin[0] * r[1] - spin[1] * r[0]
-    v[0], v[1], v[2] = -x, -y, -z
-    for n in range(len(bodies)):
-        velocity = bodies[n].velocity
-        velocity[0], velocity[1], velocity[2] = (
-            velocity[0] - x,
-            velocity[1] - y,
-            velocity[2] - z,
-        )
+    move_site(flat, bodies, SOLE + state.support, state.twist, state.drift)
+    for i in range(3):
+        v[i] = -state.twist[i]
+        for n in range(len(bodies)):
+            bodies[n].velocity[i] += v[i]
 
 
 @kernel

@@ -212,12 +212,12 @@ def take_measurement(handle: np.ndarray) -> None:
     reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
     sensed, felt = floats_at(handle, AT_SENSED), floats_at(handle, AT_FELT)
     flat, before = flat_at(handle), state.support
+    bodies = records_at(handle, AT_BODIES, BODY)
     q, v = floats_at(handle, AT_Q), floats_at(handle, AT_V)
     if rules.by_torque or rules.sensing == BY_TORQUES:
         rates, last = floats_at(handle, AT_RATES), floats_at(handle, AT_ENCODERS)
         follow_rates(rules, state, sensed, felt[16:19], last, rates)
         follow_tilt(rules, state, felt[12:16], felt[16:19])
-        bodies = records_at(handle, AT_BODIES, BODY)
         if rules.by_torque:
             estimate_posture(flat, rules, state, sensed, state.turn, reference, q)
         else:
@@ -228,7 +228,6 @@ def take_measurement(handle: np.ndarray) -> None:
     if rules.sensing == BY_TORQUES:
         _observe(handle, v, before != state.support)
     if rules.by_torque:
-        bodies = records_at(handle, AT_BODIES, BODY)
         estimate(flat, bodies, rules, state, felt, reference)
     else:
         scratch = wanted_at(handle)[0].scratch

@@ -115,7 +115,6 @@ def hold_in_soles(
     share, e, f = 1.0 if left else 0.0, a - c, b - d
     if left and right:
         share = min(max(((x - c) * e + (y - d) * f) / (e * e + f * f), 0.0), 1.0)
-    if left and right:
         C, S, h, w = _sole_box(rules, reference, share)
         u, v = C * (x - c) + S * (y - d), C * (y - d) - S * (x - c)
         low, high = _within(u, C * e + S * f, h, 0.0, 1.0)
@@ -210,16 +209,14 @@ def want_accelerations(
         v: The velocity.
         reference: The reference.
     """
-    W = rules.bandwidth
+    W, W_o = rules.bandwidth, TRUNK_SHARE * rules.bandwidth
     _want_com(flat, rules, state, law, wanted, reference)
     x, y, z = turn_to_level(reference.heading, flat.links[0].R, state.other)
-    W *= TRUNK_SHARE
-    wanted.trunk[0] = W * W * x - 2.0 * W * v[3]
-    wanted.trunk[1] = W * W * y - 2.0 * W * v[4]
-    wanted.trunk[2] = W * W * z + 2.0 * W * (reference.heading_rate - v[5])
+    wanted.trunk[0] = W_o * W_o * x - 2.0 * W_o * v[3]
+    wanted.trunk[1] = W_o * W_o * y - 2.0 * W_o * v[4]
+    wanted.trunk[2] = W_o * W_o * z + 2.0 * W_o * (reference.heading_rate - v[5])
     for k in range(2):
         _want_foot(flat, bodies, rules, state, reference, k)
-    W = rules.bandwidth
     for j in range(len(joints)):
         flat.links[1 + j].desired_rate = (
             W * W * (joints[j].home - q[7 + j]) - 2.0 * W * v[6 + j]

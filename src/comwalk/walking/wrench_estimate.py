@@ -190,10 +190,9 @@ def read_ankle(
     f = (w[0], w[1], max(w[2], 0.0))
     R, half = state.sensor, rules.sole_half[k]
     site_rotation(flat, limb.site, R)
-    a, b, _ = turned_back(R, w[3], w[4], w[5])
+    a, b, c = turned_back(R, w[3], w[4], w[5])
     a = min(max(a, -f[2] * half[1]), f[2] * half[1])
     b = min(max(b, -f[2] * half[0]), f[2] * half[0])
-    _, _, c = turned_back(R, w[3], w[4], w[5])
     m_x, m_y, m_z = turned(R, (a, b, c))
     site_rotation(flat, ANKLE + k, R)
     x, y, z = site_point(flat, limb.site)

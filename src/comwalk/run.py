@@ -19,6 +19,7 @@ import numpy as np
 from .certificates import (
     check_control,
     check_feasible,
+    check_friction,
     default_control,
     servo_lag_of,
 )
@@ -295,6 +296,7 @@ def prepare(
     check_control(control, pattern.pendulum, lag)
     if not force:
         check_feasible(robot, pattern, motion)
+        check_friction(robot, pattern, physics, control.body)
     plant = SimulatedRobot(
         robot, control.period, physics, seed, pattern.plan, pushable=pushable
     )

@@ -138,17 +138,18 @@ class Setup:
         Returns:
             The certificate.
         """
-        from .certificates import certify, sole_room, stance_ratio
+        from .certificates import certify, friction_fault, sole_room, stance_ratio
 
-        robot = self.robot
+        robot, body = self.robot, self.control.body
         room = None if robot is None else sole_room(robot)
         stance = None if robot is None else stance_ratio(robot)
         return certify(
             self.pattern.pendulum,
             self.control.gains,
-            sampled_loop_of(self.control, servo_lag_of(robot, self.control.body)),
+            sampled_loop_of(self.control, servo_lag_of(robot, body)),
             room=room,
             stance=stance,
+            friction=friction_fault(robot, self.pattern, self.physics, body),
             exact=False,
             theory=False,
         )
@@ -232,8 +233,7 @@ def _goal(text: str, robot: Robot, a: float, b: float) -> DesignGoal:
 
     if text in ("gait", "disturbance"):
         aim: Aim = "gait" if text == "gait" else "disturbance"
-        step_time = default_gait(robot).period
-        return DesignGoal(aim=aim, step_time=step_time, a=a, b=b)
+        return DesignGoal(aim=aim, step_time=default_gait(robot).period, a=a, b=b)
     try:
         frequency, damping = (float(word) for word in text.split(","))
     except ValueError:

@@ -20,6 +20,7 @@ from comwalk.bench.cases import (
     ABOUT,
     OPEN_LOOP,
     SPEED,
+    TORQUE,
     Ablation,
     Case,
     all_cases,
@@ -40,12 +41,13 @@ from comwalk.bench.table import (
     tables_of_findings,
     write_report,
 )
+from comwalk.bench.trials import prepare
 from comwalk.cli import bench as bench_commands
 from comwalk.cli.app import main
 from comwalk.errors import ParameterError, RunError
 
 CASES = tuple(Case(name=f"case {k}", steps=k + 1) for k in range(12))
-JOBS = jobs_of(["a", "b"], CASES)
+JOBS = jobs_of(["a", "b"], CASES, ())
 
 # Run in processes of its own: notes when a case begins, and takes a moment.
 SLOW = """
@@ -65,7 +67,7 @@ def slow(robot, case):
 
 if __name__ == "__main__":
     from slow import slow
-    jobs = jobs_of(["a", "b"], CASES)
+    jobs = jobs_of(["a", "b"], CASES, ())
     run_jobs(jobs, HERE / "ledger.jsonl", workers=2, perform=slow)
 """
 
@@ -190,6 +192,18 @@ def test_ablations_walk_forward_and_over_floors():
     others = {j.case.group for j in jobs if j.ablation.name == "other"}
     assert others == {"forward", "floor"}
     assert len(jobs) == 1 + 3 * (1 + 3)
+    jobs = jobs_of(["paper"], all_cases(range(1)))
+    torque = {j.case.name for j in jobs if j.ablation is TORQUE}
+    assert torque == {j.case.name for j in jobs if j.case.task in ("walk", "dance")}
+
+
+def test_torques_walk_with_the_flaws_of_real_joints():
+    """What a case states holds: its own delay is not made less."""
+    case = Case(name="latency", steps=2, keys={"simulator.latency": 0.01})
+    setup = prepare("paper", TORQUE.of(case))
+    assert setup.robot.actuation == "pd"
+    assert setup.physics.joint_friction == 0.5
+    assert setup.physics.latency == 0.01
 
 
 # ---- The document -----------------------------------------------------------------
@@ -249,7 +263,8 @@ def test_tables_say_what_was_found():
     cells = {}
     for title, head, rows in tables:
         assert all(len(row) == len(head) for row in rows)
-        assert [row[0] for row in rows] == ["one", "two"]
+        drives = ["one", "one, by torque", "two", "two, by torque"]
+        assert [row[0] for row in rows] in (["one", "two"], drives)
         cells[title.split()[0] + str(len(cells))] = dict(
             zip(head, rows[0], strict=True)
         )
@@ -263,7 +278,7 @@ def test_tables_say_what_was_found():
     assert rough["5 mm, default"] == "3/4"
     assert rough["15 mm, open loop"] == "0/4"
     assert hard["outward"] == "0.10 (0.10 0.35 0.60 0.85)"
-    assert all("refused" in table[2][1][1] for table in tables[1:])
+    assert all("refused" in table[2][-1][1] for table in tables[1:])
 
 
 def test_tables_hold_only_what_was_done():
@@ -326,9 +341,10 @@ def test_command_tries_robots(tmp_path, capsys, monkeypatch):
     assert "refused" in out
     assert 'unknown robot "nobody"' in out.replace("\n", " ")
     assert main([*words, "--json"]) == 1
-    (row,) = json.loads(capsys.readouterr().out)
+    row, torque = json.loads(capsys.readouterr().out)
+    assert torque["ablation"] == "torque"
     assert (row["robot"], row["case"], row["outcome"]) == ("nobody", "turn", "refused")
-    assert len(read_ledger(tmp_path / "runs" / "bench" / "results.jsonl")) == 1
+    assert len(read_ledger(tmp_path / "runs" / "bench" / "results.jsonl")) == 2
 
 
 def test_command_writes_the_document_from_floors_of_its_own(tmp_path, monkeypatch):

@@ -14,6 +14,7 @@ from comwalk.bench import cases, trials
 from comwalk.bench.cases import (
     ABLATIONS,
     OPEN_LOOP,
+    TORQUE,
     Case,
     RelativePush,
     all_cases,
@@ -152,7 +153,7 @@ def test_ablation_changes_the_controller_alone():
         changed = prepare("jvrc1", ablation.of(SHORT))
         laws = [(x.control, x.pattern.pendulum) for x in (changed, usual)]
         assert laws[0] != laws[1]
-        assert changed.physics == usual.physics
+        assert changed.physics == usual.physics or ablation is TORQUE
         assert changed.pattern.plan == usual.pattern.plan
 
 

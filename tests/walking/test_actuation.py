@@ -13,6 +13,7 @@ from robots import paper
 
 import comwalk
 from comwalk.certificates import sampled_loop_of, servo_lag_of, stance_ratio
+from comwalk.certificates.reach import MOST_FRICTION
 from comwalk.config import WalkConfig
 from comwalk.control import (
     Actuation,
@@ -22,7 +23,7 @@ from comwalk.control import (
     WalkingController,
     walk,
 )
-from comwalk.errors import ModelError, ParameterError
+from comwalk.errors import ModelError, ParameterError, PlanError
 from comwalk.replay import replay
 from comwalk.robot.model import load_robot
 from comwalk.robot.servos import PD_STIFFNESS
@@ -175,3 +176,27 @@ def test_lag_and_play_are_in_the_physics(tmp_path):
     away = np.abs(run.log["joints"][1:] - run.log["qpos"][1:, 7:])
     assert 0.3e-3 < away.max() < 0.51e-3
     assert replay(run.save(tmp_path)).position_difference < 1e-9
+
+
+def rubbing(friction: float) -> SimulatorSettings:
+    """Return physics with dry friction in every joint [N m]."""
+    return SimulatorSettings(joint_friction=friction)
+
+
+def test_friction_that_tips_the_robot_is_refused_before_it_moves():
+    """And a walk with just as much as is allowed does not fall."""
+    words = {"robot": "paper", "steps": 4, "actuation": "pd", "sensors": "torque"}
+    robot = paper()
+    most = MOST_FRICTION * robot.mass * robot.gravity * 0.5 * robot.sole_size[1]
+    allowed = build_walk(WalkConfig(**words, simulator=rubbing(0.99 * most)))
+    assert allowed.certificate().stable
+    assert allowed.run().outcome.ok
+    beyond = build_walk(WalkConfig(**words, simulator=rubbing(1.01 * most)))
+    assert "unknown friction" in beyond.certificate().verdict
+    with pytest.raises(PlanError, match=r"which bear 5\.2 N m by torque; state"):
+        beyond.run()
+    told = BodySettings(sensors="torque", known_friction=1.0)
+    known = dataclasses.replace(beyond.control, body=told)
+    assert dataclasses.replace(beyond, control=known).certificate().stable
+    stiff = build_walk(WalkConfig(robot="paper", simulator=rubbing(8.0)))
+    assert stiff.certificate().stable

@@ -826,3 +826,33 @@ def test_a_robot_with_flaws_walks_by_torques(actuation, sensors):
     assert max(figures["com_error_rms_mm"]["true"].values()) < 8.0
     limit = torque_robot("paper").torque
     assert (np.abs(run.log["torques_true"]) <= limit + 1e-9).all()
+
+
+def test_a_load_is_learnt_from_the_ground_while_walking():
+    """Torques at rest leave doubt, which the law alone would double, to 12 mm."""
+    torque_robot("talos")
+    physics = SimulatorSettings(noise=1.0, joint_friction=0.5, payload=0.1)
+    config = WalkConfig(robot="talos", steps=12, actuation="pd", simulator=physics)
+    run = build_walk(config).run()
+    assert run.outcome.end is End.COMPLETED
+    error = run.log["com_true"][:, :2] - run.log["com_ref"][:, :2]
+    late = np.nanmean(error[len(error) // 2 :], axis=0)
+    assert np.abs(late) == pytest.approx([0.0, 0.0], abs=4e-3)
+
+
+def test_a_joint_at_its_limit_stops_there():
+    """The foot is lifted less, which is logged, and the robot walks on."""
+    torque_robot("talos")
+    setup = build_walk(WalkConfig(robot="talos", steps=3, actuation="pd", force=True))
+    assert setup.robot is not None
+    knee = setup.robot.joints.index("leg_left_4_joint")
+    free = setup.run()
+    upper = setup.robot.upper.copy()
+    upper[knee] = free.log["qpos"][:, 7 + knee].max() - 0.05
+    robot = dataclasses.replace(setup.robot, upper=upper)
+    held = dataclasses.replace(setup, robot=robot).run()
+    assert held.outcome.end is End.COMPLETED
+    assert held.log["qpos"][:, 7 + knee].max() < upper[knee] + 1e-3
+    assert not np.any(free.log["limited"])
+    assert np.any(held.log["limited"])
+    assert np.nanmax(held.log["loss"]) > 0.1

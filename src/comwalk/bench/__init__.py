@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from .cases import DEFAULT as DEFAULT
     from .cases import OPEN_LOOP as OPEN_LOOP
     from .cases import PUSH_SHARES as PUSH_SHARES
+    from .cases import TORQUE as TORQUE
     from .cases import Ablation as Ablation
     from .cases import Case as Case
     from .cases import all_cases as all_cases

@@ -75,8 +75,8 @@ class Ablation:
     """Keys of the configuration that differ."""
 
     def of(self, case: Case) -> Case:
-        """Return a case as this controller does it."""
-        return dataclasses.replace(case, keys={**case.keys, **self.changes})
+        """Return a case as this controller does it; its own keys come first."""
+        return dataclasses.replace(case, keys={**self.changes, **case.keys})
 
 
 DEFAULT = Ablation(name="default", changes={})
@@ -89,8 +89,24 @@ OPEN_LOOP = Ablation(
 """The pattern alone, without feedback of CoM and ZMP."""
 
 
+TORQUE = Ablation(
+    name="torque",
+    changes={
+        "actuation": "pd",
+        "pd": (100.0, 40.0, 2.0),
+        "sensors": "torque",
+        "simulator.noise": 1.0,
+        "simulator.latency": 0.002,
+        "simulator.command_delay": 0.002,
+        "simulator.joint_friction": 0.5,
+    },
+)
+"""Soft gains, torques as the only sense of the ground, and the flaws of real joints."""
+
+
 ABLATIONS = (
     OPEN_LOOP,
+    TORQUE,
     Ablation(name="no IMU", changes={"body.imu": False}),
     Ablation(name="no landing", changes={"body.landing": 0.0}),
     Ablation(name="no rolling", changes={"body.rolling": 0.0}),
@@ -109,7 +125,7 @@ ABLATIONS = (
         },
     ),
 )
-"""Each takes something away from the controller, the last all but the paper's law."""
+"""Each drives the robot otherwise or takes something away, the last all but the law."""
 
 
 WALKS = (

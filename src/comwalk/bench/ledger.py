@@ -22,7 +22,7 @@ from typing import Any
 from ..errors import ParameterError, RunError
 from ..run import plain
 from ..runs import versions
-from .cases import DEFAULT, OPEN_LOOP, Ablation, Case
+from .cases import DEFAULT, OPEN_LOOP, TORQUE, Ablation, Case
 from .trials import perform
 
 _SHOWN = ("bench", "cli", "views")  # packages that change no result
@@ -82,9 +82,11 @@ def _digest(data: bytes) -> str:
 def jobs_of(
     robots: Iterable[str],
     cases: Iterable[Case],
-    ablations: Iterable[Ablation] = (OPEN_LOOP,),
+    ablations: Iterable[Ablation] = (OPEN_LOOP, TORQUE),
 ) -> list[Job]:
     """Return the jobs of a bench: the walk forward and floors with ablations too.
+
+    Torques also do all other walks and dances.
 
     Args:
         robots: Names or files.
@@ -99,11 +101,16 @@ def jobs_of(
         Job(robot=robot, case=case, ablation=ablation)
         for robot in robots
         for case in cases
-        for ablation in (DEFAULT, *(others if case.group in _COMPARED else ()))
+        for ablation in (DEFAULT, *(x for x in others if _compares(x, case)))
     ]
 
 
 _COMPARED = ("forward", "floor", "payload")  # groups that ablations do too
+
+
+def _compares(ablation: Ablation, case: Case) -> bool:
+    moves = case.task in ("walk", "dance")
+    return case.group in _COMPARED or (ablation == TORQUE and moves)
 
 
 def chosen(cases: Sequence[Case], names: Sequence[str]) -> tuple[Case, ...]:

@@ -10,7 +10,7 @@ from pathlib import Path
 from ..errors import ComwalkError, RunError
 from ..robot import load_robot
 from ..walking import build_scene
-from .cases import DEFAULT, DISTURBED, PUSH_WAYS, WALKS, Case
+from .cases import DEFAULT, DISTURBED, PUSH_WAYS, TORQUE, WALKS, Case
 from .ledger import Job, Result
 from .trials import prepare
 
@@ -56,9 +56,9 @@ class Findings:
             and job.case.name.split()[: len(words)] == words
         ]
 
-    def one(self, robot: str, name: str) -> Result | None:
+    def one(self, robot: str, name: str, ablation: str = DEFAULT.name) -> Result | None:
         """Return the result of a robot in one case, None if it was not done."""
-        found = self.of(robot, name)
+        found = self.of(robot, name, ablation)
         return found[0][1] if found else None
 
 
@@ -194,6 +194,19 @@ def _rows(
     return [(robot, *cells(robot)) for robot in findings.robots]
 
 
+def _rows_by_drive(
+    findings: Findings, cells: Callable[[str, str], Iterable[str]]
+) -> list[tuple[str, ...]]:
+    """Return a row for each robot by position, and by torque if that was done."""
+    drives = {DEFAULT.name: "", TORQUE.name: ", by torque"}
+    return [
+        (f"{robot}{drives[drive]}", *cells(robot, drive))
+        for robot in findings.robots
+        for drive in drives
+        if drive in findings.ablations
+    ]
+
+
 def _done(findings: Findings, cases: Iterable[Case]) -> list[str]:
     names = {job.case.name for job in findings.jobs}
     return [case.name for case in cases if case.name in names]
@@ -222,8 +235,11 @@ def _robot_table(findings: Findings) -> Table:
 def _outcome_table(findings: Findings) -> Table:
     """Outcomes of walks and dances."""
     names = _done(findings, WALKS)
-    rows = _rows(
-        findings, lambda robot: [outcome_cell(findings.one(robot, n)) for n in names]
+    rows = _rows_by_drive(
+        findings,
+        lambda robot, drive: [
+            outcome_cell(findings.one(robot, n, drive)) for n in names
+        ],
     )
     title = "Walks and dances on a flat floor: how far from the planned end"
     return title, ("robot", *names), rows
@@ -232,8 +248,8 @@ def _outcome_table(findings: Findings) -> Table:
 def _figure_table(findings: Findings) -> Table:
     """The figures of the walk forward."""
 
-    def cells(robot: str) -> Iterator[str]:
-        r = findings.one(robot, "forward")
+    def cells(robot: str, drive: str) -> Iterator[str]:
+        r = findings.one(robot, "forward", drive)
         if r is None or r["outcome"] != "completed":
             yield from [outcome_cell(r), *[""] * 6]
             return
@@ -249,7 +265,7 @@ def _figure_table(findings: Findings) -> Table:
 
     head = ("robot", "end error / path", "CoM rms x / y [mm]", "ZMP rms x / y [mm]")
     head += ("sole margin 5 % / least [mm]", "joint speed", "torque", "x real time")
-    return "The walk forward, 20 steps", head, _rows(findings, cells)
+    return "The walk forward, 20 steps", head, _rows_by_drive(findings, cells)
 
 
 def _ablation_table(findings: Findings) -> Table:
@@ -267,8 +283,11 @@ def _ablation_table(findings: Findings) -> Table:
 def _disturbed_table(findings: Findings) -> Table:
     """Outcomes of the forward walk under disturbances."""
     names = _done(findings, DISTURBED)
-    rows = _rows(
-        findings, lambda robot: [outcome_cell(findings.one(robot, n)) for n in names]
+    rows = _rows_by_drive(
+        findings,
+        lambda robot, drive: [
+            outcome_cell(findings.one(robot, n, drive)) for n in names
+        ],
     )
     title = "The walk forward, with what the controller does not know of"
     return title, ("robot", *names), rows
@@ -326,8 +345,10 @@ INTRODUCTION = """\
 # Robots
 
 Written by `comwalk bench robots --write`; do not edit. Every robot walks with the
-defaults that comwalk derives from its model, by position on servos that hold it; by
-torque on soft gains: [torque.md](torque.md).
+defaults that comwalk derives from its model: by position on servos that hold it, with
+ankle sensors; and by torque on gains of 100 N m/rad (ankles 40) and 2 N m s/rad,
+without sensors at the feet, with sensor noise, 2 ms of delay each way and 0.5 N m of
+unknown friction besides all else. More of that: [torque.md](torque.md).
 
 - **ok, 12 mm 0.3 deg**: the walk was completed, and ended that far from the plan.
 - A rough floor is made of boxes of 16 cm with random tops from a fifth of its height to

@@ -44,6 +44,8 @@ if TYPE_CHECKING:
     from .plan_check import feasibility as feasibility
     from .plan_check import nearest_plans as nearest_plans
     from .published_gains import PUBLISHED as PUBLISHED
+    from .reach import check_friction as check_friction
+    from .reach import friction_fault as friction_fault
     from .reach import stance_ratio as stance_ratio
     from .sampled_loop import SampledLoop as SampledLoop
     from .sampled_loop import open_loop as open_loop

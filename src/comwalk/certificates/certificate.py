@@ -165,6 +165,8 @@ class Certificate:
     """The soles, if they are known."""
     stance: float | None
     """Least stiffness of a stance leg over m g / h [-]; None if it is not known."""
+    friction: str | None
+    """Why the joints' friction is too large, `friction_fault`; None if it is not."""
     exact: bool
     """Whether the worst cases are exact; else they are bounds that are simpler to find.
     """
@@ -189,7 +191,7 @@ class Certificate:
                 "m g / h, so that the robot tips over by itself; make them "
                 f"{LEAST_STANCE / self.stance:.2f} times as stiff"
             )
-        return None
+        return self.friction
 
     @property
     def survives(self) -> tuple[float, str] | None:
@@ -241,6 +243,7 @@ def certify(
     b: float = 0.5,
     room: SoleRoom | None = None,
     stance: float | None = None,
+    friction: str | None = None,
     exact: bool = True,
     theory: bool = True,
 ) -> Certificate:
@@ -258,6 +261,7 @@ def certify(
         room: How far the ZMP may be from its plan; None if it is not known.
         stance: Least stiffness of a stance leg over m g / h [-], as `stance_ratio`
             finds it; None if it is not known.
+        friction: What `friction_fault` says.
         exact: Whether to solve the linear programs for the exact worst cases; without
             them it takes a tenth of the time.
         theory: Whether to answer for the ideal loop too, of which the verdict tells
@@ -299,6 +303,7 @@ def certify(
         b=b,
         room=room,
         stance=stance,
+        friction=friction,
         exact=exact,
         axes=tuple(axes),
     )

@@ -15,6 +15,7 @@ from ..bench import (
     OPEN_LOOP,
     PUSH_SHARES,
     REPORT_SEEDS,
+    TORQUE,
     TUNING_SEEDS,
     Ablation,
     Case,
@@ -58,7 +59,7 @@ def bench(
         Parameter(
             help="Other controllers for the walk forward and the floors, "
             f"comma-separated: {', '.join(a.name for a in ABLATIONS)}; or all "
-            "(default open loop)."
+            "(default open loop, torque)."
         ),
     ] = None,
     quick: Annotated[
@@ -131,7 +132,7 @@ def _ablations(names: list[str]) -> list[Ablation]:
             raise ParameterError(f'unknown ablation "{name}"; {nearest(name, known)}')
     if "all" in names:
         return list(ABLATIONS)
-    return [known[name] for name in names] or [OPEN_LOOP]
+    return [known[name] for name in names] or [OPEN_LOOP, TORQUE]
 
 
 def _listed(text: str | None) -> list[str]:

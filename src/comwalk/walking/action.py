@@ -130,14 +130,29 @@ def want(
 
 @kernel
 def keeps_limits(
-    rules: Record, joints: np.ndarray, q: np.ndarray, v: np.ndarray
+    rules: Record,
+    joints: np.ndarray,
+    q: np.ndarray,
+    v: np.ndarray,
+    resolved: np.ndarray,
 ) -> bool:
-    """Return whether all rates are within limits; `WholeBody._rate_limits`."""
+    """Return whether what was resolved is within limits; `WholeBody._limits`.
+
+    Args:
+        rules: Settings.
+        joints: Limits.
+        q: The configuration.
+        v: The velocity, which accelerations bring within the limits of rates.
+        resolved: Rates [rad/s], or accelerations [rad/s^2] of torques.
+    """
     K = 0.2 / rules.period
     for j in range(len(joints)):
-        joint, rate = joints[j], v[6 + j]
+        joint, rate = joints[j], resolved[6 + j]
         low = max(K * (joint.lower - q[7 + j]), -joint.speed)
-        if rate < low or rate > min(K * (joint.upper - q[7 + j]), joint.speed):
+        high = min(K * (joint.upper - q[7 + j]), joint.speed)
+        if rules.by_torque:
+            low, high = 2.0 * K * (low - v[6 + j]), 2.0 * K * (high - v[6 + j])
+        if rate < low or rate > high:
             return False
     return True
 

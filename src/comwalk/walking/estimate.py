@@ -26,15 +26,20 @@ from ..embedding import (
     site_rotation,
     turned,
 )
+from ..pattern import Phase
 from .foot_contact import IMU, SOLE, foothold, remainder
 from .measurement import find_zmp
-from .records import BY_TORQUES
+from .records import BY_TORQUES, NOT_FELT
+
+STAND = int(Phase.STAND)
 
 DRAG_RATE = 4.0
 """How fast a drag on the CoM is learnt [1/s]."""
 DOUBT = 0.008
 """Distance of the CoM from the model's that torques at rest cannot tell, in CoM heights
 [-]."""
+LEANING_TIME = 6.0
+"""Time constant in which a lasting drag is taken for a load, while walking [s]."""
 FALLING_TIME = 0.5
 """Time constant in which the ground under the supporting sole is taken as that of the
 plan [s]."""
@@ -303,6 +308,20 @@ def _doubt(rules: Record, lean: Record) -> None:
 
 
 @kernel
+def _weigh_walking(rules: Record, state: Record, reference: Record) -> None:
+    """Learn from the ZMP, over whole steps, how far the CoM is from the model's.
+
+    The law would double what is left of a lean, as of one that it stands with.
+    """
+    c, s, lean = math.cos(reference.heading), math.sin(reference.heading), state.lean
+    share, arm = rules.period / LEANING_TIME, rules.com_height / rules.gravity
+    x = state.zmp[0] - state.com[0] + arm * (state.com_asked[0] + state.drag[0])
+    y = state.zmp[1] - state.com[1] + arm * (state.com_asked[1] + state.drag[1])
+    lean[0] += share * (c * x + s * y)
+    lean[1] += share * (c * y - s * x)
+
+
+@kernel
 def estimate(
     flat: Flat,
     bodies: np.ndarray,
@@ -339,4 +358,6 @@ def estimate(
         weigh_standing(rules, state, reference)
         if state.readings == 1 and rules.sensing == BY_TORQUES:
             _doubt(rules, state.lean)
+        if reference.phase != STAND and rules.sensing != NOT_FELT:
+            _weigh_walking(rules, state, reference)
     state.trunk_tilt = 2.0 * math.asin(min(1.0, math.hypot(felt[13], felt[14])))

@@ -397,10 +397,14 @@ def act_by_torque(handle: np.ndarray) -> int:
     """Resolve the task into accelerations, and write torques and set-points."""
     want_motion(handle)
     rules = records_at(handle, AT_RULES, RULES)[0]
-    both, v = floats_at(handle, AT_ACCELERATION), floats_at(handle, AT_V)
+    q, v = floats_at(handle, AT_Q), floats_at(handle, AT_V)
+    a = floats_at(handle, AT_ACCELERATION)[: len(v)]
+    joints = records_at(handle, AT_JOINTS, JOINT)
     if not rules.solvable:
         return HANDED_OVER
-    if resolve(flat_at(handle), wanted_at(handle)[0], both[: len(v)]) != SOLVED:
+    if resolve(flat_at(handle), wanted_at(handle)[0], a) != SOLVED:
+        return HANDED_OVER
+    if not keeps_limits(rules, joints, q, v, a):
         return HANDED_OVER
     exert(handle)
     return WALKS
@@ -424,7 +428,7 @@ def act(handle: np.ndarray) -> int:
         return HANDED_OVER
     if resolve(flat_at(handle), wanted_at(handle)[0], v) != SOLVED:
         return HANDED_OVER
-    if not keeps_limits(rules, joints, q, v):
+    if not keeps_limits(rules, joints, q, v, v):
         return HANDED_OVER
     finish(handle, rules.period)
     return WALKS

@@ -287,7 +287,7 @@ class WholeBody:
         elif status == HANDED_OVER:
             posture = self._commanded.posture(self.configuration)
             resolution = self._resolver.resolve_within(
-                posture, self.task, self._rate_limits()
+                posture, self.task, self._limits()
             )
             if self.robot.coupling is not None:
                 self.robot.coupling.unfold(resolution.velocity)
@@ -298,7 +298,7 @@ class WholeBody:
     def _accelerate(self, handle: np.ndarray) -> None:
         """Resolve accelerations robustly."""
         posture = self._commanded.posture(self.configuration)
-        resolution = self._resolver.resolve(posture, self.task)
+        resolution = self._resolver.resolve_within(posture, self.task, self._limits())
         if self.robot.coupling is not None:
             self.robot.coupling.unfold(resolution.velocity)
         self.resolution = resolution
@@ -332,12 +332,18 @@ class WholeBody:
         com, trunk = arrays.wanted["com"][0].copy(), arrays.wanted["trunk"][0].copy()
         return Task(com, support, base, trunk, motions)
 
-    def _rate_limits(self) -> RateLimits:
-        """Return the rates that respect speed limits and approach position limits."""
+    def _limits(self) -> RateLimits:
+        """Return the rates that respect speed limits and approach position limits.
+
+        By torque they are the accelerations that bring rates within those limits.
+        """
         robot, q, K = self.robot, self.configuration[7:], 0.2 / self.period
         lower, upper = K * (robot.lower - q), K * (robot.upper - q)
         np.maximum(lower, -robot.speed, out=lower)
         np.minimum(upper, robot.speed, out=upper)
+        if self.servos is not None:
+            rates, K = self.velocity[6:], 2.0 * K
+            lower, upper = K * (lower - rates), K * (upper - rates)
         return RateLimits(lower, upper)
 
     def diagnostics(self) -> dict[str, float]:
@@ -345,7 +351,8 @@ class WholeBody:
 
         Returns:
             `damped`: 1 near a singular posture; `limited`: number of joints held at
-            a speed or position limit; `loss`: the largest residual [m/s, rad/s].
+            a speed or position limit; `loss`: the largest residual [m/s, rad/s],
+            by torque of accelerations [m/s^2, rad/s^2].
         """
         resolution = self.resolution
         if resolution is None or not (resolution.damped or resolution.limited):

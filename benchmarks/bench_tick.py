@@ -86,6 +86,18 @@ def physics_step(robot: cw.Robot) -> float:
     return float(np.median(times))
 
 
+def physics_alone(run: cw.Run) -> float:
+    """Return how long the physics of a run take without control [s]."""
+    model, log = run.scene, run.log
+    data, controls = mujoco.MjData(model), log["ctrl"]
+    data.qpos[:], data.qvel[:] = log["qpos"][0], log["qvel"][0]
+    begin = time.perf_counter()
+    for control in controls:
+        data.ctrl[:] = control
+        mujoco.mj_step(model, data, run.substeps)
+    return time.perf_counter() - begin
+
+
 def measure(name: str, steps: int) -> dict[str, float]:
     """Return medians and 99th percentiles of the tick [us], and their ratios."""
     robot = cw.load_robot(name)
@@ -105,7 +117,8 @@ def measure(name: str, steps: int) -> dict[str, float]:
         rows[f"{title}, p99"] = float(np.percentile(times, 99))
         rows[f"{title} / plain"] = rows[title] / plain
     run = cw.simulate(robot, pattern, force=True)
-    rows["/ real time"] = pattern.duration / run.seconds
+    rows["x real time"] = pattern.duration / run.seconds
+    rows["physics alone / loop"] = physics_alone(run) / run.seconds
     return rows
 
 

@@ -11,18 +11,20 @@ from __future__ import annotations
 import dataclasses
 import math
 import sys
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from comwalk.config import WalkConfig
+from comwalk.config import DanceConfig, WalkConfig
 from comwalk.control import BodySettings, Push, SimulatorSettings
 from comwalk.errors import ComwalkError
 from comwalk.pattern import Phase
+from comwalk.robot import load_robot
 from comwalk.run import Run
-from comwalk.setup import Setup, build_walk
+from comwalk.setup import Setup, build_dance, build_walk
 
 PAGE = Path(__file__).parent.parent / "docs" / "torque.md"
 ROBOTS = ("g1", "mjlab_g1", "talos", "jvrc1", "paper", "icub", "romeo")
@@ -106,6 +108,62 @@ def cases() -> Rows:
         setup = setup_of("g1", **{**PD, **config})
         if setup is not None:
             yield title, *cells(walk(setup, **{**REAL, **physics}))
+
+
+SERVOS = {
+    "position servos, kp 75 kv 5": (75.0, 5.0, {}),
+    "position servos, kp 200 kv 5": (200.0, 5.0, {}),
+    "position servos, kp 4600 kv 92": (4600.0, 92.0, {}),
+    "motors": (None, 0.0, {}),
+    "motors, by torques alone": (None, 0.0, {"actuation": "torque"}),
+}
+
+
+def file_with(folder: Path, stiffness: float | None, damping: float) -> Path:
+    """Return an MJCF of G1 with position servos, or with motors."""
+    spec = load_robot("g1").spec.copy()
+    for found in (*spec.sensors, *spec.sites):  # by loading
+        spec.delete(found)
+    for actuator in spec.actuators:
+        actuator.set_to_motor()
+        if stiffness is not None:
+            actuator.set_to_position(kp=stiffness, kv=damping)
+    path = folder / "robot.xml"
+    path.write_text(spec.to_xml(), encoding="utf-8")
+    return path
+
+
+def files() -> Rows:
+    """Yield walks of files of G1 with servos of their own, with the flaws of `REAL`."""
+    yield ("G1's file with", "by", "certificate", *WALKS[1:])
+    for title, (stiffness, damping, config) in SERVOS.items():
+        with tempfile.TemporaryDirectory() as folder:
+            path = file_with(Path(folder), stiffness, damping)
+            setup = build_walk(WalkConfig(robot=str(path), steps=20, **config))
+        by = "" if setup.robot is None else setup.robot.actuation.value
+        word = setup.certificate().verdict.split(";")[0]
+        yield title, by, word, *cells(walk(setup, **REAL))
+
+
+def dances() -> Rows:
+    """Yield dances of 10 s on both feet, by position and by torque."""
+    yield ("robot", "by", "ZMP - CoM ref, rms / most [mm]", "CoM rms, true [mm]")
+    for name in ROBOTS:
+        drives = ("position", {"actuation": "position"}, {}), ("torque", PD, {})
+        flawed = "torque, with the flaws above", PD, REAL
+        for title, config, physics in (*drives, flawed):
+            words = {"robot": name, "frequency": 1.0, "duration": 10.0, **config}
+            try:
+                setup = build_dance(DanceConfig(**words))
+            except ComwalkError:
+                continue
+            run = walk(setup, **physics)
+            away = run.log["zmp_true"][:, :2] - run.log["com_ref"][:, :2]
+            away = 1e3 * np.linalg.norm(away[len(away) // 10 :], axis=1)
+            error = np.linalg.norm(rms(run, "com_true", "com_ref"))
+            spread = f"{math.sqrt(np.nanmean(away**2)):.1f} / {np.nanmax(away):.0f}"
+            fell = () if run.outcome.ok else ("fell", "-")
+            yield name, title, *(fell or (spread, f"{error:.1f}"))
 
 
 def wrenches() -> Rows:
@@ -235,6 +293,8 @@ def verdicts(count: int = 200) -> Rows:
 TABLES: dict[str, Callable[[], Rows]] = {
     "walks": walks,
     "cases": cases,
+    "files": files,
+    "dances": dances,
     "wrenches": wrenches,
     "floors": floors,
     "pushes": pushes,

@@ -84,8 +84,8 @@ def servo_lag_of(robot: Robot | None, body: BodySettings | None = None) -> float
     """
     if robot is None or robot.actuation is Actuation.POSITION:
         return 0.02
-    omega = math.sqrt(robot.gravity / robot.com_height)
-    return 1.0 / (omega * max((body or BodySettings()).com_servo, 1e-3))
+    servo = max((body or BodySettings()).com_servo, 1e-3)
+    return 1.0 / (robot.omega * servo)
 
 
 def sampled_loop_of(control: Control, servo_lag: float = 0.02) -> SampledLoop:

@@ -11,16 +11,13 @@ from __future__ import annotations
 import math
 
 from ..compiled import Record, kernel
-from ..pattern import Phase, minimum_jerk
+from ..pattern import STAND, minimum_jerk
 
 WEIGHING_TIME = 0.25
 """Time over which the standing robot is weighed [s]."""
 
 RISE_TIME = 0.25
 """Time over which the law's feedback rises from zero after that [s]."""
-
-
-_STAND = int(Phase.STAND)
 
 
 @kernel
@@ -40,7 +37,7 @@ def weigh_standing(rules: Record, state: Record, reference: Record) -> None:
     heading = reference.heading
     c, s, lean = math.cos(heading), math.sin(heading), state.lean
     state.feedback_scale = 1.0
-    if reference.phase == _STAND and reference.step == 0:
+    if reference.phase == STAND and reference.step == 0:
         mass_ratio = state.load / rules.weight
         if state.seen < rules.most and 0.5 < mass_ratio < 2.0:
             state.seen += 1

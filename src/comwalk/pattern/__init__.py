@@ -32,6 +32,10 @@ if TYPE_CHECKING:
     from .records import REFERENCE as REFERENCE
     from .records import STEP as STEP
     from .records import WORK as WORK
+    from .reference import DOUBLE as DOUBLE
+    from .reference import LEFT_ALONE as LEFT_ALONE
+    from .reference import RIGHT_ALONE as RIGHT_ALONE
+    from .reference import STAND as STAND
     from .reference import Phase as Phase
     from .reference import Reference as Reference
     from .reference import bend_of_minimum_jerk as bend_of_minimum_jerk

@@ -71,6 +71,11 @@ class Phase(IntEnum):
     """Both feet stay; the CoM comes to rest."""
 
 
+STAND, DOUBLE = int(Phase.STAND), int(Phase.DOUBLE)
+LEFT_ALONE, RIGHT_ALONE = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
+"""Phases as the numbers of records, for kernels."""
+
+
 class PhaseSpan(NamedTuple):
     """One phase of a plan."""
 

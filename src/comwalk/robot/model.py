@@ -7,6 +7,7 @@ or `annotation` adds; limbs are the tree between them and the floating base.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -169,6 +170,11 @@ class Robot:
     def com_height(self) -> float:
         """Height of the CoM above the soles in the walking posture [m]."""
         return self._stance[0]
+
+    @property
+    def omega(self) -> float:
+        """sqrt(g / c_z) of its walking posture [rad/s]."""
+        return math.sqrt(self.gravity / self.com_height)
 
     @property
     def stance_width(self) -> float:

@@ -26,12 +26,10 @@ from ..embedding import (
     site_rotation,
     turned,
 )
-from ..pattern import Phase
+from ..pattern import STAND
 from .foot_contact import IMU, SOLE, foothold, remainder
 from .measurement import find_zmp
 from .records import BY_TORQUES, NOT_FELT
-
-STAND = int(Phase.STAND)
 
 DRAG_RATE = 4.0
 """How fast a drag on the CoM is learnt [1/s]."""

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..compiled import Record, kernel
 from ..embedding import Flat, site_point, site_rotation, turned
-from ..pattern import Phase
+from ..pattern import DOUBLE, LEFT_ALONE, RIGHT_ALONE
 
 RETURN_TIME = 0.1
 """Time constant of a swinging foot's return to its path [s]."""
@@ -33,8 +33,6 @@ TOLERANCE = 0.25
 REACH = 0.05
 """Farthest that a foot leaves its plan up or down [m]."""
 
-_DOUBLE = int(Phase.DOUBLE)
-_LEFT, _RIGHT = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
 SOLE, ANKLE, IMU = 0, 2, 4
 """First sites of a robot's records: both soles, both ankle sensors, the IMU."""
 
@@ -152,8 +150,8 @@ def planned_share(reference: Record) -> float:
     """
     phase = reference.phase
     left, right = reference.feet[0].position, reference.feet[1].position
-    if phase == _LEFT or phase == _RIGHT:
-        return 1.0 if phase == _LEFT else 0.0
+    if phase == LEFT_ALONE or phase == RIGHT_ALONE:
+        return 1.0 if phase == LEFT_ALONE else 0.0
     x, y = right[0], right[1]
     d_x, d_y = left[0] - x, left[1] - y
     share = (reference.zmp[0] - x) * d_x + (reference.zmp[1] - y) * d_y
@@ -177,7 +175,7 @@ def _comply(
     if swings and (surplus <= 0.0 or rising):
         state.heights[k] = h - dt / RETURN_TIME * h
         return
-    double = reference.phase == _DOUBLE
+    double = reference.phase == DOUBLE
     if double or swings:
         h += (0.5 if double else 1.0) * dt * rules.landing * surplus
     state.heights[k] = min(max(h - dt / SETTLE_TIME * h, -REACH), REACH)
@@ -210,7 +208,7 @@ def follow_ground(rules: Record, state: Record, law: Record, reference: Record) 
     """Move the commanded feet towards what was felt."""
     state.recovers = math.hypot(law.e_c[0], law.e_c[1]) > RECOVERING
     phase, swing = reference.phase, 1 - int(reference.support)
-    single = phase == _LEFT or phase == _RIGHT
+    single = phase == LEFT_ALONE or phase == RIGHT_ALONE
     surplus = state.left_share - planned_share(reference)
     surplus -= min(max(surplus, -TOLERANCE), TOLERANCE)
     for k in range(2):

@@ -7,7 +7,6 @@ keeps.
 
 from __future__ import annotations
 
-import math
 from typing import NamedTuple
 
 import numpy as np
@@ -200,9 +199,8 @@ def rules_of(robot: Robot, period: float, settings: BodySettings) -> np.ndarray:
     r["sensing"] = GROUND_SENSORS.index(sensors)
     if sensors == "none":
         r["calibration"] = False
-    omega = math.sqrt(robot.gravity / robot.com_height)
-    r["com_servo"] = omega * settings.com_servo
-    r["bandwidth"] = omega * settings.bandwidth
+    r["com_servo"] = robot.omega * settings.com_servo
+    r["bandwidth"] = robot.omega * settings.bandwidth
     return rules
 
 

@@ -28,13 +28,11 @@ from ..embedding import (
     site_rotation,
     turn_to_level,
 )
-from ..pattern import Phase
+from ..pattern import LEFT_ALONE, RIGHT_ALONE
 from .action import push_on
 from .foot_contact import foothold
 from .records import NOT_FELT
 from .wrench_estimate import friction_of
-
-LEFT_ALONE, RIGHT_ALONE = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
 
 TRUNK_SHARE = 0.5
 """How fast the trunk is brought back, as a share of all else: noise of its gyro shakes

@@ -30,10 +30,8 @@ from ..embedding import (
     site_rotation,
     turned,
 )
-from ..pattern import Phase
+from ..pattern import LEFT_ALONE, RIGHT_ALONE
 from .foot_contact import ANKLE, turned_back
-
-_LEFT, _RIGHT = int(Phase.SINGLE_LEFT), int(Phase.SINGLE_RIGHT)
 
 # What joints err by, and wrenches of feet may be, in weights and times CoM height [-].
 _JOINT, _STANCE = 0.005, 5.0
@@ -172,7 +170,7 @@ def fit_wrenches(
     accelerate_links(flat, observer.bodies, observer.a)
     load_links(flat, observer.bodies, observer.a, rules.gravity, observer.t)
     for k in range(2):
-        swings = reference.phase == (_RIGHT if k == 0 else _LEFT)
+        swings = reference.phase == (RIGHT_ALONE if k == 0 else LEFT_ALONE)
         _weigh_leg(flat, rules, flat.limbs[k], observer, swings)
         _fit(observer.H)
         read_ankle(flat, rules, state, k, observer.H[:, 6], felt)

@@ -171,7 +171,7 @@ def wrenches() -> Rows:
     head = ("friction 0", "0.5 N m", "1 N m", "0.5 N m, pushed")
     yield ("robot", *(f"{x}: rms, worst [mm]" for x in head), "CoM rms")
     for name in ROBOTS:
-        setup = setup_of(name, 12, **PD)
+        setup = setup_of(name, 12, force=True, **PD)
         if setup is None:
             continue
         row, mass = [], setup.robot.mass if setup.robot else 0.0

@@ -360,3 +360,36 @@ def test_a_scene_has_the_robot_and_a_floor(tmp_path):
     scene = build_scene(robot, SimulatorSettings())
     assert scene.nq == len(robot.home)
     assert scene.ngeom > robot.model.ngeom
+
+
+@pytest.mark.parametrize("tilt", [0.02, 0.05, 0.2, -0.06])
+def test_feet_that_lie_tilted_in_the_zero_posture(tmp_path, tilt):
+    """As CAD exports have them: all studs of a foot touch the ground, and stay."""
+    c, s = math.cos(tilt), math.sin(tilt)
+
+    def stud(x: float, y: float, z: float = -0.065) -> str:
+        place = f"{c * x + s * z:.9f} {y} {c * z - s * x:.9f}"
+        return (
+            f'<collision><origin xyz="{place}" rpy="0 {tilt} 0"/>'
+            '<geometry><box size="0.02 0.02 0.03"/></geometry></collision>'
+        )
+
+    studs = "".join(stud(x, y) for x in (-0.07, 0.15) for y in (-0.04, 0.04))
+    text = urdf(foot="none")
+    for side in Side:
+        end = text.index("</link>", text.index(f'<link name="link_{side}_ankle_x"'))
+        text = text[:end] + studs + text[end:]
+    file = tmp_path / "studs.urdf"
+    file.write_text(text)
+    robot = load_robot(file)
+    m, data = robot.model, mujoco.MjData(robot.model)
+    data.qpos[:] = robot.home
+    mujoco.mj_forward(m, data)
+    touching = [g for g in range(m.ngeom) if m.geom_contype[g] or m.geom_conaffinity[g]]
+    assert len(touching) == 8
+    for g in touching:
+        corners = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
+        R = data.geom_xmat[g].reshape(3, 3)
+        low = data.geom_xpos[g] + (corners * m.geom_size[g]) @ R.T
+        assert low[:, 2].min() == pytest.approx(0.0, abs=1e-4)
+        assert abs(R[2, 2]) == pytest.approx(1.0, abs=1e-6)

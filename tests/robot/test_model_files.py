@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import re
 import sys
 from functools import cache
@@ -608,3 +609,94 @@ def test_xacro_is_expanded_or_asks_for_its_package(tmp_path, monkeypatch):
     monkeypatch.undo()
     pytest.importorskip("xacrodoc")
     assert read_model(path).spec.compile().body_subtreemass[1] == pytest.approx(6.0)
+
+
+# What a file holds besides the robot.
+
+
+def test_an_mjcf_may_have_any_suffix_and_come_from_a_pipe(tmp_path):
+    text = MJCF.format(free=FREE, more="")
+    for name in ("robot.mjcf", "ROBOT.XML", "robot.txt", "robot"):
+        assert not read(tmp_path, text, name).is_urdf
+    pipe, fill = os.pipe()
+    os.write(fill, text.encode())
+    os.close(fill)
+    for _ in range(2):  # it can be read once only, and is needed more often
+        assert read_model(f"/dev/fd/{pipe}").spec.compile().njnt == 3
+    os.close(pipe)
+
+
+def test_a_file_in_this_folder_needs_no_suffix(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    written(tmp_path, biped(), "my_biped")
+    assert read_model("my_biped").is_urdf
+
+
+def test_includes_resolve_as_in_mujoco(tmp_path):
+    """Beside the main file first, then beside the file that includes."""
+    (tmp_path / "parts").mkdir()
+    written(tmp_path, '<mujoco><include file="b.xml"/></mujoco>', "parts/a.xml")
+    step = "<mujoco><option timestep='{}'/></mujoco>"
+    main = MJCF.format(free=FREE, more='<include file="parts/a.xml"/>')
+    for place, timestep in (("parts/b.xml", 0.003), ("b.xml", 0.004)):
+        written(tmp_path, step.format(timestep), place)
+        file = read(tmp_path, main, "robot.xml")
+        expected = mujoco.MjSpec.from_file(str(file.path)).option.timestep
+        assert file.spec.option.timestep == expected == timestep
+
+
+def test_what_names_parts_of_a_scene_is_dropped(tmp_path):
+    more = (
+        '<contact><pair geom1="ground" geom2="shell"/><exclude body1="trunk" '
+        'body2="table"/><exclude body1="trunk" body2="l_leg"/></contact>'
+        '<sensor><framepos objtype="site" objname="goal"/>'
+        '<framepos objtype="body" objname="trunk"/></sensor>'
+    )
+    file = read(tmp_path, MJCF.format(free=FREE, more=more), "robot.xml")
+    model = file.spec.compile()
+    assert (model.npair, model.nexclude, model.nsensor) == (0, 2, 3)
+    told = "\n".join(file.notes)
+    assert "<contact> names what another file holds, dropped: ground, table" in told
+    assert "<sensor> names what another file holds, dropped: goal" in told
+
+
+def test_nothing_but_the_ground_holds_the_robot(tmp_path):
+    """Defaults of joints land on the base; gravcomp and a weld bear its weight."""
+    more = (
+        '<default><joint damping="5" armature="0.1" frictionloss="2"/></default>'
+        '<equality><weld name="crane" body1="trunk"/></equality>'
+    )
+    text = MJCF.format(free='<joint type="free"/>', more=more)
+    text = text.replace('name="trunk"', 'name="trunk" gravcomp="0.8"')
+    file = read(tmp_path, text, "robot.xml")
+    model = file.spec.compile()
+    base = model.dof_damping[:6], model.dof_armature[:6], model.dof_frictionloss[:6]
+    assert not np.any(base)
+    assert model.dof_damping[6:].tolist() == [5.0, 5.0]
+    assert model.body_gravcomp.max() == model.neq == 0
+    told = "\n".join(file.notes)
+    assert "of the floating base dropped" in told
+    assert "which bears a part of the weight: trunk" in told
+    assert 'constraint "crane" dropped: it ties trunk to the world' in told
+
+
+def test_closed_loops_are_opened_with_a_note(tmp_path):
+    loop = '<equality><connect name="rod" body1="l_leg" body2="r_leg" anchor="0 0 0"/>'
+    idle = '<weld body1="l_leg" body2="r_leg" active="false"/></equality>'
+    file = read(tmp_path, MJCF.format(free=FREE, more=loop + idle), "robot.xml")
+    assert file.spec.compile().neq == 0
+    assert 'closed loop "rod" opened' in file.notes[-1]
+
+
+def test_files_that_git_did_not_fetch_are_named(tmp_path):
+    with pytest.raises(ModelError, match=r"Git LFS pointer.*git lfs pull"):
+        read(tmp_path, "version https://git-lfs.github.com/spec/v1\noid sha256:0\n")
+
+
+def test_a_text_in_another_encoding_than_it_states_is_read(tmp_path):
+    path = tmp_path / "robot.urdf"
+    text = '<?xml version="1.0" encoding="utf-8"?><!-- für Füße -->' + biped()
+    path.write_bytes(text.encode("cp1252"))
+    assert "not UTF-8 (it has the byte fc)" in read_model(path).notes[-1]
+    path.write_bytes(text.replace('"utf-8"', '"utf-16"').encode("utf-16"))
+    assert not any("UTF-8" in note for note in read_model(path).notes)

@@ -11,6 +11,7 @@ from models import LEG, write
 
 from comwalk.certificates.description import describe
 from comwalk.errors import ModelError
+from comwalk.robot.kinematic_tree import Skeleton
 from comwalk.robot.kinematics import Kinematics
 from comwalk.robot.model import load_robot
 from comwalk.robot.posture import BEND, LEAST_BEND
@@ -149,12 +150,11 @@ def test_angles_may_be_given(tmp_path):
 
 
 def test_legs_that_cannot_stand_are_refused(tmp_path):
-    """Ankles that point the toes: one line, and what to do."""
+    """Ankles that point the toes: one line, which joints end, and what to do."""
     limits = {"hip_y": (0.2, 0.3), "knee_y": (0.0, 0.1), "ankle_y": (0.2, 0.3)}
     file = write(tmp_path, limits=limits)
-    with pytest.raises(
-        ModelError, match=r"no posture was found .* --profile"
-    ) as caught:
+    match = r"stand on bent legs: .* ranges: .*left_ankle_y at 0.22 rad.* --profile"
+    with pytest.raises(ModelError, match=match) as caught:
         load_robot(file)
     assert "toy.urdf" in str(caught.value)
 
@@ -165,3 +165,17 @@ def test_shorter_legs_stand_level(tmp_path):
         robot = load_robot(write(tmp_path, leg=leg))
         check_standing(robot)
         assert math.isfinite(bend(robot))
+
+
+def test_legs_that_lack_a_joint_are_told_which(tmp_path):
+    """Whether or not they can stand."""
+    found = {}
+    for leg in (LEG[:-1], LEG[1:]):
+        robot = load_robot(write(tmp_path, leg=leg))
+        limb = next(limb for limb in robot.limbs if limb.name == "left_leg")
+        kinematics = Kinematics(robot)
+        kinematics.posture(robot.home)
+        look = Skeleton(robot.model, kinematics.data, "")
+        found[leg] = look.lacks([j + 1 for j in limb.joints])
+    assert "5 joints; the roll of the ankle is missing" in found.values()
+    assert "5 joints; the yaw of the hip is missing" in found.values()

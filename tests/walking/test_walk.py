@@ -20,7 +20,7 @@ from comwalk.embedding.dances import builtin_motion
 from comwalk.embedding.motion import embed_in
 from comwalk.embedding.motion_checks import prepare_motion
 from comwalk.errors import ModelError, ParameterError, PlanError, RunError
-from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait
+from comwalk.pattern.footsteps import Foothold, Footstep, FootstepPlan, Gait
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.reference import Phase
 from comwalk.pattern.regular_steps import plan_steps
@@ -29,6 +29,7 @@ from comwalk.replay import replay
 from comwalk.robot.model import load_robot
 from comwalk.run import simulate, simulate_pendulum
 from comwalk.runs.summary import sole_margins
+from comwalk.sides import Side
 from comwalk.walking.whole_body import WholeBody
 
 OPEN_LOOP = Control(gains=Gains(zmp=0.0, com=0.0))
@@ -157,9 +158,6 @@ def test_any_walk(gait):
 
 def test_uneven_footsteps_and_timings():
     """An explicit list of footsteps, each of its own length and time."""
-    from comwalk.pattern.footsteps import Footstep
-    from comwalk.sides import Side
-
     plan = FootstepPlan(
         left=Foothold(0.0, 0.09, 0.0),
         right=Foothold(0.0, -0.09, 0.0),
@@ -173,6 +171,30 @@ def test_uneven_footsteps_and_timings():
     run = simulate(paper(), make_pattern(plan, Pendulum()))
     assert run.outcome.ok
     assert run.summary()["position_error_m"] < 0.01
+
+
+@pytest.mark.parametrize("place", [(0.4, 0.0, 0.0), (30.0, -5.0, 2.36), (1e3, 0, 3.2)])
+def test_a_plan_is_walked_wherever_it_is(place):
+    """Far from the origin and turned, just as at the origin."""
+    x, y, yaw = place
+    c, s = np.cos(yaw), np.sin(yaw)
+
+    def at(side: Side, a: float) -> dict:
+        b = 0.09 * side.sign
+        return {"x": x + c * a - s * b, "y": y + s * a + c * b, "yaw": yaw}
+
+    left, right = (Foothold(**at(side, 0.0)) for side in Side)
+    steps = (Side.RIGHT, 0.15), (Side.LEFT, 0.15)
+    plan = FootstepPlan(
+        left=left,
+        right=right,
+        steps=tuple(Footstep(side=side, **at(side, a)) for side, a in steps),
+    )
+    run = simulate(paper(), make_pattern(plan, Pendulum()))
+    assert run.outcome.ok
+    figures = run.summary()
+    assert figures["position_error_m"] < 1e-3
+    assert max(figures["com_error_rms_mm"]["true"].values()) < 3.0
 
 
 def dance(name="paper", amplitude=0.5, frequency=0.5, seconds=6.0, walking=None, **kw):

@@ -14,7 +14,7 @@ from ..control import Actuation, BodySettings, ControlOutput, SimulatorSettings
 from ..embedding import EmbeddedMotion, rotation_yaw
 from ..errors import ModelError, PlanError
 from ..pattern import Pattern, Phase
-from ..robot import LEGS, Kinematics, Robot
+from ..robot import LEGS, Kinematics, Robot, Skeleton
 from ..sides import Side
 from ..walking import WholeBody
 
@@ -181,12 +181,12 @@ def check_friction(
 def _joint_anchors(robot: Robot, kinematics: Kinematics, name: str) -> np.ndarray:
     """Return the anchors of a leg's joints [m], world, of shape (n, 3)."""
     limb = next(limb for limb in robot.limbs if limb.name == name)
-    if len(limb.joints) != 6:
-        raise ModelError(
-            f"the {name.replace('_', ' ')} of {robot.name} has {len(limb.joints)} "
-            "joints; walking needs legs of six"
-        )
-    return kinematics.data.xanchor[np.array(limb.joints) + 1]
+    joints = np.array(limb.joints) + 1
+    lacks = Skeleton(robot.model, kinematics.data, robot.name).lacks(joints.tolist())
+    if lacks:
+        leg = name.replace("_", " ")
+        raise ModelError(f"the {leg} of {robot.name} has {lacks}")
+    return kinematics.data.xanchor[joints]
 
 
 def _needed(

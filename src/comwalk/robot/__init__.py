@@ -12,7 +12,9 @@ if TYPE_CHECKING:
     from .compiled_solver import FastResolver as FastResolver
     from .compiled_solver import can_resolve as can_resolve
     from .dynamics import InverseDynamics as InverseDynamics
+    from .kinematic_tree import Skeleton as Skeleton
     from .kinematics import Kinematics as Kinematics
+    from .kinematics import carried as carried
     from .model import LEGS as LEGS
     from .model import Foot as Foot
     from .model import Robot as Robot

@@ -11,6 +11,9 @@ import numpy as np
 from .loaders import Mimic
 from .mimic import couple
 
+_KINDS = "roll", "pitch", "yaw"
+"""What a joint about x, y or z does."""
+
 
 @dataclass(frozen=True, eq=False)
 class Skeleton:
@@ -85,6 +88,42 @@ class Skeleton:
         axis = self.axes(leg)[knee]
         alike = [j for j in leg[:knee] if abs(self.axes([j])[0] @ axis) > 0.7]
         return alike[-1] if alike else leg[0]
+
+    def lacks(self, leg: Sequence[int]) -> str:
+        """Return what a leg lacks of the six joints that walking needs, and why.
+
+        A leg turns its foot about three axes of the hip, one of the knee and two of the
+        ankle; the pitch of the hip may be the yaw's, at any angle between.
+
+        Args:
+            leg: Its joints, base first.
+
+        Returns:
+            Such as "5 joints; the roll of the ankle is missing"; empty if none is.
+        """
+        slides = [
+            j for j in leg if self.model.jnt_type[j] == mujoco.mjtJoint.mjJNT_SLIDE
+        ]
+        if slides:
+            return f"{self.names(slides)[0]}, which slides instead of turning"
+        if len(leg) == 6:
+            return ""
+        knee = self.middle(leg, self.anchors(leg)[-1])
+        kinds = [_KINDS[k] for k in np.argmax(np.abs(self.axes(leg)), axis=1).tolist()]
+        parts = ("hip", _KINDS, kinds[:knee]), ("ankle", _KINDS[:2], kinds[knee + 1 :])
+        missing = [
+            f"the {kind} of the {part}"
+            for part, needed, there in parts
+            for kind in needed
+            if kind not in there
+        ]
+        told = f"{len(leg)} joints; "
+        if not missing or len(leg) > 6:
+            return f"{told}walking needs legs of six"
+        return (
+            told
+            + f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
+        )
 
     def leg_length(self, leg: Sequence[int]) -> float:
         """Return the length of a stretched leg, hip to knee to ankle [m]."""

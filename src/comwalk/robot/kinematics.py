@@ -143,3 +143,21 @@ class Kinematics:
         mujoco.mj_comVel(m, d)
         mujoco.mj_subtreeVel(m, d)
         return d.subtree_angmom[self._root].copy()
+
+
+def carried(q: np.ndarray, place: np.ndarray, yaw: float) -> np.ndarray:
+    """Return a configuration that stands at another place on the ground.
+
+    Args:
+        q: MuJoCo's qpos of a robot with a free joint.
+        place: Where what was at the origin is to be [m], x and y first.
+        yaw: How it is turned about the vertical [rad].
+    """
+    q = q.copy()
+    if yaw:
+        turn = np.zeros(4)
+        mujoco.mju_axisAngle2Quat(turn, np.array([0.0, 0.0, 1.0]), yaw)
+        mujoco.mju_rotVecQuat(q[:3], q[:3].copy(), turn)
+        mujoco.mju_mulQuat(q[3:7], turn, q[3:7].copy())
+    q[:2] += place[:2]
+    return q

@@ -41,6 +41,14 @@ _TWISTS = (0.0, 0.3, -0.3)  # from where an arm is sought [rad]
 _KNEE, _HIP = 0.7, -0.35  # from where a leg is sought [rad]
 _PITCH = 0.7  # least share of an axis to the left that makes a joint bend the leg
 _CLOSE = 1e-4  # error of a posture that stands [rad, leg lengths]
+_WHAT = (
+    *["the place of the left sole"] * 3,
+    *["the left sole's level"] * 3,
+    *["the place of the right sole"] * 3,
+    *["the right sole's level"] * 3,
+    *["the CoM over the soles"] * 2,
+)
+"""What the rows of `_Seeker._rows` are about, but for trunk and height."""
 _WEAK_ROWS = [2, 3, 4, 8, 9, 10, 12, 17]
 """What legs of fewer than six joints must reach: height and level of the soles, the
 CoM's x and the hips' height, as rows of `_Seeker._rows`."""
@@ -125,6 +133,7 @@ class _Seeker:
         self.fixed = {model.joint(name).id for name in given}
         for name, angle in given.items():
             self.q[model.joint(name).qposadr[0]] = angle
+        self.nearest: tuple[float, np.ndarray] = (math.inf, self.q.copy())
         self._update()
         look = Skeleton(model, self.data, "")
         self.length = min(look.leg_length(limbs.legs[s]) for s in Side)
@@ -224,14 +233,39 @@ class _Seeker:
                 break
             before = height
         if best[0] == -math.inf:
-            raise ModelError(
-                "no posture was found in which both soles are level on the ground; "
-                "give angles of the legs' joints by --profile, under [home], or wider "
-                "ranges under [limits]"
-            )
+            raise ModelError(self._why_not())
         if best[0] > 0.0 and math.isfinite(before):
             return self._refined(before, best[1], best[2], surplus)
         return self._settled(best[2])
+
+    def _why_not(self) -> str:
+        """Return why the legs cannot stand, by the attempt that came nearest."""
+        look = Skeleton(self.model, self.data, "")
+        for side in Side:
+            if lacks := look.lacks(self.limbs.legs[side]):
+                return f"it cannot stand: its {side} leg has {lacks}"
+        self.q[:] = self.nearest[1]
+        self._update()
+        e = self._rows(0.0)[1][: len(_WHAT)]
+        missed = {}
+        for what, error in zip(_WHAT, np.abs(e).tolist(), strict=True):
+            missed[what] = max(error, missed.get(what, 0.0))
+        what = max(missed, key=lambda name: missed[name])
+        ends = [
+            f"{self.model.joint(j).name} at {self.q[place]:.3g} rad"
+            for side in Side
+            for j in self.limbs.legs[side]
+            for place in (int(self.model.jnt_qposadr[j]),)
+            if not self.low[place - 7] + 1e-6
+            < self.q[place]
+            < self.high[place - 7] - 1e-6
+        ]
+        stuck = f"; at the end of their ranges: {', '.join(ends)}" if ends else ""
+        return (
+            f"it cannot stand on bent legs: {what} misses by {missed[what]:.2g} rad or "
+            f"leg lengths{stuck}; give angles of the legs' joints by --profile, under "
+            "[home], or wider ranges under [limits]"
+        )
 
     def _refined(
         self, high: float, low: float, q: np.ndarray, surplus: Callable[[], float]
@@ -334,7 +368,9 @@ class _Seeker:
         self._update()
         _, e = self._rows(hip)
         strong = len(self.free) == 6 + 12
-        missed = np.abs(e if strong else e[_WEAK_ROWS]).max()
+        missed = float(np.abs(e if strong else e[_WEAK_ROWS]).max())
+        if missed < self.nearest[0]:
+            self.nearest = missed, self.q.copy()
         return self.q.copy() if missed < _CLOSE else None
 
     def _step(self, J: np.ndarray, e: np.ndarray) -> np.ndarray:

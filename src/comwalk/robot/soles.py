@@ -33,6 +33,10 @@ _DEPTH = 0.012  # how far above the lowest face a point touches, in leg lengths
 _LOWEST = 0.03  # how far above all that collides a sole may be, in leg lengths
 _STEEPEST = 0.85  # least share of a face's normal that looks down
 _TILTED = 0.07  # angle from which on a sole is taken to be tilted, not rough [rad]
+_FLAT, _LEVEL = (
+    1e-5,
+    1e-4,
+)  # a sole that is exactly flat [m] may be tilted by less [rad]
 _USUAL = 0.28, 0.13, 0.1  # length, width, ankle height of a sole, in leg lengths
 _SAME = 5e-4  # difference under which a given sole is the one that was found [m]
 _NOWHERE = np.zeros((0, 3))
@@ -289,6 +293,7 @@ def _found_sole(zero: Skeleton, leg: Sequence[int], face: Face, forward: float) 
     ground = float(local[:, 2].min())
     corners, crosswise = _lengthwise(convex_hull(local[:, :2]))
     own = face.origin == SHAPES and not crosswise
+    top = float(ankle @ R[:, 2]) + ground + face.depth
     boxes = () if own else _boxes_in(corners)
     (x, y), size = rectangle_in(corners)
     shape = [rectangle(*box[:2], 0.0, box[2:]) for box in boxes] or [corners]
@@ -302,7 +307,7 @@ def _found_sole(zero: Skeleton, leg: Sequence[int], face: Face, forward: float) 
         ankle=(-x, -y, -ground),
         boxes=tuple((a - x, b - y, c, d) for a, b, c, d in boxes),
         origin=face.origin,
-        geoms=_ground_geoms(zero, body, ankle[2] + ground + face.depth) if own else (),
+        geoms=_ground_geoms(zero, body, R[:, 2], top) if own else (),
         crosswise=crosswise,
     )
 
@@ -312,8 +317,9 @@ def _face_axes(face: Face, forward: float) -> np.ndarray:
     centred = face.points - face.points.mean(axis=0)
     normal = np.linalg.svd(centred, full_matrices=False)[2][-1]
     normal = normal if normal[2] > 0 else -normal
-    upright = rotation_yaw(forward)
-    if math.acos(min(1.0, float(normal[2]))) < _TILTED:
+    upright, tilt = rotation_yaw(forward), math.acos(min(1.0, float(normal[2])))
+    is_flat = np.abs(centred @ normal).max() < _FLAT
+    if tilt < (_LEVEL if is_flat else _TILTED):
         return upright
     x = upright[:, 0] - (upright[:, 0] @ normal) * normal
     x /= np.linalg.norm(x)
@@ -343,11 +349,13 @@ def _boxes_in(corners: np.ndarray) -> tuple[Box, ...]:
     return (long,) if alike else (long, wide)
 
 
-def _ground_geoms(zero: Skeleton, body: int, height: float) -> tuple[str, ...]:
-    """Return the geoms of a foot that reach down to a height [m], world."""
+def _ground_geoms(
+    zero: Skeleton, body: int, normal: np.ndarray, height: float
+) -> tuple[str, ...]:
+    """Return the geoms of a foot that reach down to a height along a normal [m]."""
     bodies, found = zero.beyond(body), []
     for geom in np.flatnonzero(np.isin(zero.model.geom_bodyid, bodies)).tolist():
         points = _points_of_geom(zero, geom, collides=True)
-        if len(points) and points[:, 2].min() < height:
+        if len(points) and (points @ normal).min() < height:
             found.append(zero.model.geom(geom).name)
     return tuple(found)

@@ -51,7 +51,7 @@ from ..pattern import (
     record_of,
     reference_of,
 )
-from ..robot import LEGS, Kinematics, Robot, bodies_of, can_resolve, flatten
+from ..robot import LEGS, Kinematics, Robot, bodies_of, can_resolve, carried, flatten
 from ..sides import Side
 from .records import STATE, dance_of, joints_of, rules_of
 from .tick import (
@@ -177,6 +177,9 @@ class WholeBody:
         """
         self.follow(ControlOutput.still(reference), reference)
         rules, state = self.arrays.rules[0], self.arrays.state[0]
+        place = np.mean([reference.left.position, reference.right.position], axis=0)
+        if (self.configuration == self.robot.home).all():
+            self.configuration = carried(self.robot.home, place, reference.heading)
         rules["feedback"] = 50.0
         for _ in range(300):
             pose_task(self.handle)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import re
 import xml.etree.ElementTree as ET
+from collections.abc import Iterator
 from pathlib import Path
 
 import mujoco
 import numpy as np
 
 from ...errors import ModelError, one_line
+from .mjcf_tree import whole_tree
 from .parts import LinkMesh, Mimic, ModelFile, first_of, resolve_mimics, rotation_of
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _FREE = mujoco.mjtJoint.mjJNT_FREE
 _STAND_IN = "comwalk stand-in "
-_NAMES = {"name", "class", "childclass", "file", "mesh", "material", "joint", "body"}
-_BAD_NUMBER = re.compile(r"(^|\s)[+-]?(nan|inf|infinity)(?=\s|$)", re.I)
 
 
 def read_mjcf(root: ET.Element, path: Path, *, geometry: bool) -> ModelFile:
@@ -35,11 +34,7 @@ def read_mjcf(root: ET.Element, path: Path, *, geometry: bool) -> ModelFile:
         ModelError: If the model is broken; the text does not name the file.
     """
     notes: list[str] = []
-    _check_numbers(root, path.resolve().parent)
-    try:
-        spec = mujoco.MjSpec.from_file(str(path.absolute()))
-    except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"it is not a readable MJCF: {one_line(error)}") from None
+    spec = _parse(root, path, notes)
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
     _name_all(spec)
     outline = _outline(spec)
@@ -65,25 +60,19 @@ def read_mjcf(root: ET.Element, path: Path, *, geometry: bool) -> ModelFile:
     )
 
 
-def _check_numbers(
-    root: ET.Element, folder: Path, above: tuple[Path, ...] = ()
-) -> None:
-    """Check that all numbers are finite, in included files too."""
-    for element in root.iter():
-        for key, text in element.attrib.items():
-            if key not in _NAMES and _BAD_NUMBER.search(text):
-                raise ModelError(
-                    f'<{element.tag} {key}="{text[:60]}"> must hold finite numbers'
-                )
-        if element.tag == "include":
-            file = folder / element.get("file", "")
-            if file in above:
-                raise ModelError(f"included file {file} includes itself; cut the loop")
-            try:
-                included = ET.parse(file).getroot()
-            except (OSError, ET.ParseError, ValueError) as error:
-                raise ModelError(f"included file {file}: {one_line(error)}") from None
-            _check_numbers(included, folder, (*above, file))
+def _parse(root: ET.Element, path: Path, notes: list[str]) -> mujoco.MjSpec:
+    """Return the model of a tree, whatever its file is called."""
+    folder = path.absolute().parent
+    tree, dropped = whole_tree(root, folder)
+    notes += dropped
+    try:
+        if any(tree.iter("model")) or any(tree.iter("flexcomp")):  # read other files
+            return mujoco.MjSpec.from_file(str(path.absolute()))
+        spec = mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"it is not a readable MJCF: {one_line(error)}") from None
+    spec.modelfiledir = str(folder)
+    return spec
 
 
 def _name_all(spec: mujoco.MjSpec) -> None:
@@ -311,6 +300,7 @@ def _set_free(
         notes.append(f'free joint added to "{base.name}": {how}')
         _delete_joints(spec, joints)
         base.add_freejoint(name=_free_name(spec))
+    _let_go(spec, notes)
     for joint in spec.joints:
         if joint.type == mujoco.mjtJoint.mjJNT_BALL:
             raise ModelError(
@@ -319,6 +309,20 @@ def _set_free(
     if len(spec.joints) < 2:
         raise ModelError("it has no joints that move; a robot to walk needs two legs")
     _write_keys(spec, outline, base)
+
+
+def _let_go(spec: mujoco.MjSpec, notes: list[str]) -> None:
+    """Let nothing but the ground hold the robot."""
+    free = next(joint for joint in spec.joints if joint.type == _FREE)
+    if free.armature or np.any(free.damping) or free.frictionloss:
+        notes.append("damping, friction and armature of the floating base dropped")
+    free.armature, free.frictionloss, free.damping = 0.0, 0.0, 0.0 * free.damping
+    borne = [body for body in spec.bodies if body.gravcomp]
+    for body in borne:
+        body.gravcomp = 0.0
+    if borne:
+        names = first_of([body.name for body in borne])
+        notes.append(f"gravcomp dropped, which bears a part of the weight: {names}")
 
 
 def _free_name(spec: mujoco.MjSpec) -> str:
@@ -379,7 +383,7 @@ def _take_mimics(
         joint, primary = equality.name1, equality.name2
         is_joint = equality.type == mujoco.mjtEq.mjEQ_JOINT
         if not (is_joint and primary and equality.active):
-            notes.append(f'constraint "{equality.name or equality.type.name}" is kept')
+            notes += _drop_constraint(spec, equality)
             continue
         constant, ratio, *bends = equality.data[:5]
         if any(bends):
@@ -393,6 +397,30 @@ def _take_mimics(
         found.setdefault(joint, Mimic(joint, primary, float(ratio), float(offset)))
         spec.delete(equality)
     return list(found.values())
+
+
+def _drop_constraint(
+    spec: mujoco.MjSpec, equality: mujoco.MjsEquality
+) -> Iterator[str]:
+    """Delete a constraint that is no coupling of joints, and tell what it held."""
+    name = equality.name or equality.type.name
+    if equality.active and equality.type == mujoco.mjtEq.mjEQ_JOINT:
+        yield f'constraint "{name}" is kept, which locks {equality.name1}'
+        return
+    ends = sorted({equality.name1, equality.name2} - {"", "world"})
+    is_body = equality.objtype == mujoco.mjtObj.mjOBJ_BODY
+    ties = equality.type in (mujoco.mjtEq.mjEQ_CONNECT, mujoco.mjtEq.mjEQ_WELD)
+    active = equality.active
+    spec.delete(equality)
+    if active and ties and is_body and len(ends) < 2:
+        yield f'constraint "{name}" dropped: it ties {first_of(ends)} to the world'
+    elif active and ties:
+        yield (
+            f'closed loop "{name}" opened: its rods move with the links that bear '
+            "them, and the joints in the loop are driven directly"
+        )
+    elif active:
+        yield f'constraint "{name}" dropped'
 
 
 def _speed_limits(outline: mujoco.MjModel, spec: mujoco.MjSpec) -> dict[str, float]:

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import re
 import sys
 import xml.etree.ElementTree as ET
+from functools import cache
 from importlib.resources import files
 from pathlib import Path
 
@@ -47,6 +49,9 @@ _PACKAGES = {
 _PROFILES = {"paper": "robots/paper.toml"}
 """What known robots walk with, as profiles in this package."""
 
+LFS_POINTER = b"version https://git-lfs"
+"""How a file begins that Git LFS has not fetched."""
+_DECLARATION = re.compile(r"^\s*<\?xml[^>]*\?>")
 _SUFFIXES = (".urdf", ".xml", ".mjcf", ".xacro")
 _FARTHEST, _HEAVIEST = 100.0, 1e4
 """Largest extent [m] and mass [kg] of a robot in the right units."""
@@ -80,7 +85,7 @@ def read_model(source: str | Path, *, geometry: bool = False) -> ModelFile:
     name, path = _find(source)
     notes: list[str] = []
     try:
-        root = _parse(path)
+        root = _parse(path, notes)
         if root.tag == "robot":
             file = read_urdf(root, path)
             if geometry:
@@ -101,9 +106,9 @@ def _find(source: str | Path) -> tuple[str, Path]:
         return text, _registered(text)
     path = Path(source).expanduser()
     is_path = isinstance(source, Path) or "/" in text or "\\" in text
-    if not is_path and path.suffix.lower() not in _SUFFIXES:
+    if not is_path and path.suffix.lower() not in _SUFFIXES and not path.is_file():
         return text, _from_zoo(text)
-    if not path.is_file():
+    if path.is_dir() or not path.exists():
         fault = (
             "is a folder; name the file in it" if path.is_dir() else "does not exist"
         )
@@ -194,13 +199,19 @@ _COLLECTIONS = (
 )
 
 
-def _parse(path: Path) -> ET.Element:
+@cache
+def _read_once(path: Path) -> bytes:
+    """Return what a pipe holds, which can be read only once."""
+    return path.read_bytes()
+
+
+def _parse(path: Path, notes: list[str]) -> ET.Element:
     """Return the root of a file, which must be a robot or a MuJoCo model."""
     try:
-        text = path.read_bytes()
+        text = path.read_bytes() if path.is_file() else _read_once(path)
         if path.suffix.lower() == ".xacro":
             text = _expand_xacro(path)
-        root = ET.fromstring(text) if text.strip() else ET.Element("")
+        root = _parsed(text, notes) if text.strip() else ET.Element("")
     except ET.ParseError as error:
         raise ModelError(f"it is not well-formed XML: {one_line(error)}") from None
     except ModelError:
@@ -214,6 +225,24 @@ def _parse(path: Path) -> ET.Element:
             f"its root is <{root.tag}>; a URDF starts with <robot>, an MJCF with "
             "<mujoco>"
         )
+    return root
+
+
+def _parsed(text: bytes, notes: list[str]) -> ET.Element:
+    """Return the root of a text, repaired if it is not in the encoding it states."""
+    if text.startswith(LFS_POINTER):
+        raise ModelError("it is a Git LFS pointer, not the file itself: git lfs pull")
+    try:
+        return ET.fromstring(text)
+    except (ET.ParseError, ValueError, LookupError):
+        try:
+            text.decode("utf-8")
+        except UnicodeDecodeError as error:
+            wrong = text[error.start : error.start + 1]
+        else:
+            raise
+    root = ET.fromstring(_DECLARATION.sub("", text.decode("cp1252", "replace"), 1))
+    notes.append(f"not UTF-8 (it has the byte {wrong.hex()}), read as Windows-1252")
     return root
 
 

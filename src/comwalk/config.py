@@ -230,6 +230,8 @@ class DanceConfig(RobotConfig):
     """As `WalkConfig.motion_speed`."""
     blend: float = same_setting(WalkConfig, "motion_blend")
     """As `WalkConfig.motion_blend` [s]."""
+    force: bool = same_setting(WalkConfig, "force")
+    """As `WalkConfig.force`."""
     half_width: float | None = setting(
         None,
         "Half of the distance between both feet; as in the robot's home posture if "

@@ -47,11 +47,11 @@ from .errors import ParameterError, PlanError
 from .pattern import Pattern
 from .robot import Robot
 from .runs import (
-    MCAP_NAME,
     ROWS_NAME,
     Log,
     Recorder,
     RunData,
+    clear_folder,
     prepare_folder,
     save_columns,
     summarize,
@@ -156,9 +156,7 @@ class Run:
             RunError: If it cannot be written.
         """
         folder = prepare_folder(folder)
-        for name in _FILES:
-            if folder / name != self.recording:
-                (folder / name).unlink(missing_ok=True)
+        clear_folder(folder, keep=self.recording)
         columns = {**self.log.columns, "substeps": np.array(self.substeps)}
         with ThreadPoolExecutor(1) as other:  # zlib works while the figure is drawn
             written = other.submit(save_columns, folder / "run.npz", columns)
@@ -171,10 +169,6 @@ class Run:
         for name in (ROWS_NAME, "run.json"):
             (folder / name).unlink(missing_ok=True)
         return folder
-
-
-_FILES = ("summary.json", "run.npz", "scene.mjb", "walk.png", "dance.png")
-_FILES += ("report.html", MCAP_NAME)
 
 
 def simulate(

@@ -278,8 +278,7 @@ def build_dance(config: DanceConfig) -> Setup:
         clip = _clip(robot, config, "")
         once = clip.duration + 2 * _REST
         duration = _DANCE_TIME if clip.loops else min(max(once, 1.0), 3600.0)
-    A = config.half_width
-    A = default_gait(robot).half_width if A is None else A
+    A = config.half_width or default_gait(robot).half_width
     plan = FootstepPlan(
         left=Foothold(0.0, A),
         right=Foothold(0.0, -A),
@@ -287,7 +286,8 @@ def build_dance(config: DanceConfig) -> Setup:
         sole_size=robot.sole_size,
     )
     pattern = make_pattern(plan, _pendulum(config, robot))
-    return _dancing(_setup(config, robot, pattern), config, "")
+    setup = dataclasses.replace(_setup(config, robot, pattern), force=config.force)
+    return _dancing(setup, config, "")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -447,7 +447,7 @@ def _dancing(setup: Setup, config: WalkConfig | DanceConfig, prefix: str) -> Set
         blend=_option(config, prefix + "blend"),
         limits=limits if known else None,
     )
-    embedded, notes = (embedded, ()) if known else fitted(embedded, limits)
+    embedded, notes = (embedded, clip.repairs) if known else fitted(embedded, limits)
     if notes:
         notes = (f"the dance is made to fit the robot: {', '.join(notes)}",)
     return dataclasses.replace(setup, motion=embedded, notes=(*setup.notes, *notes))

@@ -19,6 +19,7 @@ from comwalk.certificates.plan_check import (
     nearest_plans,
 )
 from comwalk.certificates.reach import stance_stiffness
+from comwalk.config import DanceConfig
 from comwalk.embedding.motion import Motion, embed_in
 from comwalk.errors import ModelError, PlanError
 from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait, foot_poses
@@ -29,6 +30,7 @@ from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.model import load_robot
 from comwalk.robot.self_collision import CLEARANCE, SelfCollision
 from comwalk.run import simulate
+from comwalk.setup import build_dance
 from comwalk.sides import Side
 
 
@@ -273,7 +275,7 @@ def test_changes_that_make_no_plan_are_passed_over(monkeypatch):
 
 def test_where_nothing_helps_it_says_so():
     robot = limited("l_knee_pitch", torque=5.0)
-    with pytest.raises(PlanError, match="neither shorter nor slower"):
+    with pytest.raises(PlanError, match="no shorter, slower or lower plan"):
         check_feasible(robot, walk_pattern(paper(), 2))
 
 
@@ -477,3 +479,23 @@ def test_standing_asks_for_no_stance_leg():
 
 def excerpt_of_standing() -> FootstepPlan:
     return FootstepPlan(left=Foothold(0.0, 0.09), right=Foothold(0.0, -0.09))
+
+
+def test_advice_on_a_dance_works(tmp_path):
+    """A clip that is too fast for the ZMP: slower or smaller, as the message says."""
+    robot_of("g1")
+    t = np.arange(200) / 50
+    rows = [f"{x:.3f},{0.4 * np.sin(14.0 * x):.6f}" for x in t]
+    file = tmp_path / "fast.csv"
+    file.write_text("\n".join(["time,waist_pitch_joint", *rows]))
+    words = {"robot": "g1", "motion": str(file), "actuation": "position"}
+    with pytest.raises(PlanError, match="the ZMP is") as caught:
+        build_dance(DanceConfig(**words)).run()
+    told = dict(
+        re.findall(r"motion ([\d.]+) times as \w+ \(--(\w+)\)", str(caught.value))
+    )
+    assert set(told.values()) == {"scale", "speed"}
+    for factor, flag in told.items():
+        run = build_dance(DanceConfig(**words, **{flag: float(factor)})).run()
+        assert run.outcome.ok
+    assert build_dance(DanceConfig(**words, force=True)).run().outcome is not None

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import http.client
 import socket
 import webbrowser
 
@@ -14,6 +15,7 @@ from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.model import load_robot
 from comwalk.run import simulate
+from comwalk.views import page_server
 from comwalk.views.page_server import open_server
 
 
@@ -86,3 +88,50 @@ def test_a_server_listens_here_only_and_says_nothing(capfd):
         with socket.create_connection(("127.0.0.1", server.get_port()), timeout=10):
             pass
     assert capfd.readouterr().out == ""
+
+
+@pytest.mark.parametrize(
+    ("host", "headers", "answered"),
+    [
+        ("127.0.0.1", {"Host": "127.0.0.1:8080"}, True),
+        ("127.0.0.1", {"Host": "localhost:1", "Origin": "http://localhost:1"}, True),
+        ("127.0.0.1", {"Host": "[::1]:80", "Origin": "http://[::1]:80"}, True),
+        ("0.0.0.0", {"Host": "192.168.1.7:80"}, True),
+        ("0.0.0.0", {"Host": socket.gethostname() + ":80"}, True),
+        ("127.0.0.1", {"Host": "127.0.0.1:1", "Origin": "http://evil.example"}, False),
+        ("127.0.0.1", {"Host": "localhost:1", "Origin": "http://localhost:2"}, False),
+        ("127.0.0.1", {"Host": "localhost:1", "Origin": "null"}, False),
+        ("127.0.0.1", {"Host": "evil.example:8080"}, False),
+        ("0.0.0.0", {"Host": "evil.example:8080"}, False),
+        ("127.0.0.1", {}, False),
+    ],
+)
+def test_pages_of_other_sites_are_not_answered(host, headers, answered):
+    assert (page_server.refusal(host, headers) is None) == answered
+
+
+def test_a_server_answers_its_own_page_alone():
+    """Both what is fetched and what steers."""
+    with open_server() as server:
+        own = f"127.0.0.1:{server.get_port()}"
+        upgrade = {
+            "Connection": "Upgrade",
+            "Upgrade": "websocket",
+            "Sec-WebSocket-Version": "13",
+            "Sec-WebSocket-Key": "AAAAAAAAAAAAAAAAAAAAAA==",
+        }
+        found = []
+        for headers in (
+            {"Host": own},
+            {"Host": "evil.example"},
+            {"Host": own, "Origin": f"http://{own}", **upgrade},
+            {"Host": own, "Origin": "http://evil.example", **upgrade},
+        ):
+            link = http.client.HTTPConnection(own, timeout=10)
+            link.putrequest("GET", "/", skip_host=True)
+            for name, value in headers.items():
+                link.putheader(name, value)
+            link.endheaders()
+            found.append(link.getresponse().status)
+            link.close()
+    assert found == [200, 403, 101, 403]

@@ -1,9 +1,12 @@
 """Embedded motions (section VI): splines, blends, limits, dances and files."""
 
 import dataclasses
+import io
 import math
 import pickle
 import re
+import tracemalloc
+import zipfile
 
 import numpy as np
 import pytest
@@ -398,7 +401,7 @@ def test_an_overshoot_between_the_samples_is_found():
         prepared(motion, limits={"head_yaw": JointLimit(-1, 0.82)})
     text = str(caught.value)
     assert f'joint "head_yaw" reaches {top:.4g} rad at {when:.3f} s' in text
-    assert "its limit is 0.82 rad; scale its amplitude about home by" in text
+    assert "its limit is 0.82 rad; make it smaller: scale 0." in text
 
 
 @settings(max_examples=40)
@@ -419,11 +422,11 @@ def test_following_the_advice_on_amplitude_satisfies_the_limits(
     try:
         prepared(motion, **robot)
     except MotionError as error:
-        factor = float(re.search(r"about home by (\S+) or less", str(error))[1])
+        factor = float(re.search(r"smaller: scale (\S+) or less", str(error))[1])
         assert 0.0 < factor < 1.0
         prepared(scaled(motion, factor, about=robot["home"]), **robot)
         with pytest.raises(MotionError):
-            prepared(scaled(motion, factor * 1.02, about=robot["home"]), **robot)
+            prepared(scaled(motion, factor * 1.05, about=robot["home"]), **robot)
 
 
 @settings(max_examples=40)
@@ -927,3 +930,46 @@ def test_an_embedding_made_by_hand_is_checked_like_one_of_embed_in():
         EmbeddedMotion(
             motion=motion, home=np.zeros(3), start=0.0, stop=math.inf, blend=1.0
         )
+
+
+def test_a_clip_that_swells_is_refused_by_its_header(tmp_path):
+    """Before it is unpacked: 1 MB of file, 1 GB of zeros."""
+    header = io.BytesIO()
+    about = {"descr": "<f8", "fortran_order": False, "shape": (2**27,)}
+    np.lib.format.write_array_header_1_0(header, about)
+    path = tmp_path / "big.npz"
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
+        entry = zipfile.ZipInfo("joint_pos.npy")
+        entry.compress_type = zipfile.ZIP_DEFLATED
+        with archive.open(entry, "w", force_zip64=True) as file:
+            file.write(header.getvalue())
+            for _ in range(2**9):
+                file.write(bytes(2**20))
+    tracemalloc.start()
+    with pytest.raises(MotionError, match="unpacks to 512 MB, at most 256 MB are read"):
+        load_motion(path)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 2**24
+
+
+def test_a_clip_cut_off_at_a_limit_is_repaired():
+    """Samples never pass the limit, but the spline between them does."""
+    t = np.arange(200) / 50
+    q = np.clip(1.2 * np.sin(1.2 * t), -0.52, 0.52)[:, None]
+    clip = Motion(name="clip", joints=("a",), times=t, positions=q)
+    room = {
+        "allowed": ["a"],
+        "limits": {"a": JointLimit(-0.52, 0.52, 9.0)},
+        "home": {"a": 0.0},
+    }
+    found = prepare_motion(clip, **room)
+    (told,) = found.repairs
+    assert re.fullmatch(r"a moves 0\.99\d times as far", told)
+    fine = np.linspace(0.0, t[-1], 20001)
+    most = np.abs(CubicSpline(t, found.positions, bc_type="natural")(fine)).max()
+    assert most <= 0.5205
+    assert np.abs(found.positions - q).max() < 0.005
+    room["limits"] = {"a": JointLimit(-0.5, 0.5, 9.0)}
+    with pytest.raises(MotionError, match=r"make it smaller: scale 0\.9\d+ or less"):
+        prepare_motion(clip, **room)

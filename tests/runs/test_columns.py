@@ -78,9 +78,8 @@ def test_two_runs_do_not_share_rows(tmp_path):
 
 
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
-def test_a_killed_walk_leaves_its_rows(tmp_path, capsys):
-    """Its columns are saved by `log`, which makes the messages of them, too."""
-    folder = tmp_path / "run"
+def start_walk(folder: Path) -> subprocess.Popen:
+    """Return a process that walks 60 steps, after two seconds of them."""
     words = ["-m", "comwalk", "walk", "--steps", "60", "--out", str(folder)]
     path = os.pathsep.join(sys.path)
     process = subprocess.Popen(
@@ -98,6 +97,35 @@ def test_a_killed_walk_leaves_its_rows(tmp_path, capsys):
         assert process.poll() is None
         assert time.monotonic() < deadline
         time.sleep(0.02)
+    return process
+
+
+def test_a_terminated_walk_is_saved_alone_in_its_folder(tmp_path, capsys):
+    """SIGTERM is as Ctrl-C; of the run before, nothing is left but the user's notes."""
+    folder = tmp_path / "run"
+    assert main(["walk", "--steps", "1", "--out", str(folder)]) == 0
+    assert main(["export", str(folder), "--csv"]) == 0
+    (folder / "notes.txt").write_text("mine")
+    (folder / "csv" / "mine.txt").write_text("mine")
+    process = start_walk(folder)
+    process.send_signal(signal.SIGTERM)
+    assert process.wait(timeout=60) == 1
+    told = json.loads((folder / "summary.json").read_text())
+    assert told["outcome"] == "aborted"
+    assert told["cause"] == "interrupted by the user"
+    assert loaded(folder / "run.npz")["t"][-1] == pytest.approx(
+        told["duration_s"], abs=0.1
+    )
+    names = {file.name for file in folder.iterdir()}
+    assert {"notes.txt", "walk.png", "run.npz", "csv"} <= names
+    assert not names & {"run.npy", "run.json", "run.mcap"}
+    assert [file.name for file in (folder / "csv").iterdir()] == ["mine.txt"]
+
+
+def test_a_killed_walk_leaves_its_rows(tmp_path, capsys):
+    """Its columns are saved by `log`, which makes the messages of them, too."""
+    folder = tmp_path / "run"
+    process = start_walk(folder)
     process.send_signal(signal.SIGKILL)
     process.wait()
     assert main(["log", str(folder), "--json"]) == 0

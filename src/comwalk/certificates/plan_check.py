@@ -18,8 +18,8 @@ import mujoco
 import numpy as np
 
 from ..control import Actuation
-from ..embedding import Damping, EmbeddedMotion
-from ..errors import PlanError
+from ..embedding import Damping, EmbeddedMotion, scaled
+from ..errors import MotionError, PlanError
 from ..pattern import (
     Pattern,
     excerpt,
@@ -228,9 +228,7 @@ def advice(changes: Sequence[Change], worst: Demand) -> str:
     if worst.what == "stiffness":
         return f"it would fit with servos {1.02 * worst.share:.2f} times as stiff"
     if not changes:
-        return (
-            "neither shorter nor slower steps, nor a lower pendulum.height alone helps"
-        )
+        return "no shorter, slower or lower plan, nor a smaller motion alone helps"
     return "it would fit with " + ", or ".join(change.text for change in changes)
 
 
@@ -250,6 +248,8 @@ _TRIALS = {
 }
 """Sizes of the changes that are tried first, in %."""
 
+_MOTION_TRIALS = dict.fromkeys(("scale", "speed"), (5, 10, 20, 40, 60, 80))
+
 _EXCERPT = 3  # footsteps before and after the worst moment that are looked at
 _COARSE = 0.03  # [s]
 
@@ -262,8 +262,9 @@ def nearest_plans(
 ) -> tuple[Change, ...]:
     """Return plans near one that does not fit: shorter, slower, or with a lower body.
 
-    Each is the smallest change of its kind, to 1 %, by which some steps around the
-    worst moment can be walked, with a stop after them; it is verified on the whole.
+    A motion may be made smaller or slower instead. Each is the smallest change of its
+    kind, to 1 %, by which some steps around the worst moment can be walked, with a stop
+    after them; it is verified on the whole.
 
     Args:
         robot: The robot.
@@ -281,9 +282,11 @@ def nearest_plans(
     step = pattern.at(worst.time).step
     plan = excerpt(pattern.plan, step - _EXCERPT, step + _EXCERPT + 1)
     part = make_pattern(plan, pattern.pendulum)
+    kinds = list(_TRIALS if pattern.plan.steps else ("body",))
+    kinds += [] if motion is None else list(_MOTION_TRIALS)
     changes = [
-        _smallest(kind, part, pattern, lambda p, dt: _fits(robot, p, motion, dt))
-        for kind in (_TRIALS if pattern.plan.steps else ("body",))
+        _smallest(kind, part, pattern, motion, lambda *x: _fits(robot, *x))
+        for kind in kinds
     ]
     found = [change for change in changes if change is not None]
     return tuple(sorted(found, key=lambda change: change.amount))
@@ -293,20 +296,21 @@ def _smallest(
     kind: str,
     part: Pattern,
     whole: Pattern,
-    fits: Callable[[Pattern, float], bool],
+    motion: EmbeddedMotion | None,
+    fits: Callable[[Pattern, EmbeddedMotion | None, float], bool],
 ) -> Change | None:
     """Return the smallest change of a kind by which a pattern fits."""
 
     def tried(base: Pattern, percent: int, period: float) -> Change | None:
         try:
-            pattern, text = _changed(base, kind, percent)
-        except PlanError:
+            pattern, moves, text = _changed(base, motion, kind, percent)
+        except (PlanError, MotionError):
             return None
-        fit = fits(pattern, period)
+        fit = fits(pattern, moves, period)
         return Change(text, 0.01 * percent, pattern) if fit else None
 
     low = 0
-    for high in _TRIALS[kind]:
+    for high in (_TRIALS | _MOTION_TRIALS)[kind]:
         if tried(part, high, _COARSE):
             break
         low = high
@@ -329,19 +333,43 @@ def _fits(
         return False
 
 
-def _changed(pattern: Pattern, kind: str, percent: int) -> tuple[Pattern, str]:
-    """Return a pattern changed by some percent, and what was done."""
+def _changed(
+    pattern: Pattern, motion: EmbeddedMotion | None, kind: str, percent: int
+) -> tuple[Pattern, EmbeddedMotion | None, str]:
+    """Return a pattern and a motion changed by some percent, and what was done."""
     plan, pendulum = pattern.plan, pattern.pendulum
     less, more = 1.0 - 0.01 * percent, 1.0 + 0.01 * percent
     if kind == "step":
         text = f"steps {less:.2f} times as long"
-        return make_pattern(shortened(plan, less), pendulum), text
+        return make_pattern(shortened(plan, less), pendulum), motion, text
     if kind == "time":
         text = f"{more:.2f} times the time for each step"
-        return make_pattern(slowed(plan, more), pendulum), text
+        return make_pattern(slowed(plan, more), pendulum), motion, text
+    if kind in _MOTION_TRIALS and motion is not None:
+        return _with_less(pattern, motion, kind, less)
     height = math.floor(1e3 * pendulum.height * less) / 1e3
     lower = dataclasses.replace(pendulum, height=height)
-    return make_pattern(plan, lower), f"pendulum.height {height:.3f} m"
+    return make_pattern(plan, lower), motion, f"pendulum.height {height:.3f} m"
+
+
+def _with_less(
+    pattern: Pattern, motion: EmbeddedMotion, kind: str, less: float
+) -> tuple[Pattern, EmbeddedMotion, str]:
+    """Return a motion made smaller or slower; who only stands does so for longer."""
+    flag, plan = "motion-" if pattern.plan.steps else "", pattern.plan
+    if kind == "scale":
+        home = dict(zip(motion.joints, motion.home.tolist(), strict=True))
+        clip = scaled(motion.motion, less, about=home)
+        text = f"the motion {less:.2f} times as far (--{flag}scale)"
+        return pattern, dataclasses.replace(motion, motion=clip), text
+    stop = motion.stop
+    if not plan.steps:
+        plan = dataclasses.replace(plan, stand_time=plan.stand_time / less)
+        pattern = make_pattern(plan, pattern.pendulum)
+        stop = motion.start + (stop - motion.start) / less
+    clip = scaled(motion.motion, speed=less)
+    text = f"the motion {less:.2f} times as fast (--{flag}speed)"
+    return pattern, dataclasses.replace(motion, motion=clip, stop=stop), text
 
 
 # ---- The reference of the whole body ------------------------------------------------

@@ -249,9 +249,12 @@ def _sweep(
     body.start(pattern.at(0.0))
     legs = [limb for limb in robot.limbs if limb.name in LEGS.values()]
     kinematics, rows = Kinematics(robot, LEGS.values()), []
-    last = np.zeros(6 + len(far))
+    last, joints = np.zeros(6 + len(far)), () if motion is None else motion.joints
+    dancing = [7 + robot.joints.index(joint) for joint in joints]
     for time, phase in _times(pattern, motion, dt):
         reference, q = pattern.at(time), body.configuration.copy()
+        if motion is not None:  # without the errors of long steps
+            q[dancing] = motion.at(time)[0]
         control = dataclasses.replace(
             ControlOutput.still(reference), u=reference.com_velocity[:2]
         )

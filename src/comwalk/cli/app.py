@@ -8,7 +8,9 @@ from __future__ import annotations
 
 import os
 import re
+import signal
 import sys
+import threading
 from collections.abc import Sequence
 from importlib import metadata
 
@@ -74,6 +76,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         The exit code: 0 completed, 1 fell or aborted, 2 bad input, 130 interrupted.
     """
     words = list(sys.argv[1:] if argv is None else argv)
+    if threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, signal.default_int_handler)  # saves, as Ctrl-C
     choose_backend()  # a wrong MUJOCO_GL would make the import of MuJoCo fail
     try:
         code = _app()(

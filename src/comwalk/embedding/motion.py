@@ -64,6 +64,8 @@ class Motion:
     """Whether it repeats after `times[-1]`; the last sample then equals the first."""
     whole_body: bool = False
     """Whether it records the whole body, whose legs are left to the walking."""
+    repairs: tuple[str, ...] = ()
+    """What was changed so that a robot can play it, a phrase each."""
     dropped: tuple[str, ...] = ()
     """Names of the recorded joints which `select` or `renamed` took out."""
     _segments: np.ndarray = field(init=False, repr=False)

@@ -20,6 +20,9 @@ from .motion import (
 )
 from .motion_edits import scaled, select
 
+LEAST_REPAIR = 0.97
+"""How much less a joint may move for a clip to fit, without being asked [-]."""
+
 
 def prepare_motion(
     motion: Motion,
@@ -31,7 +34,9 @@ def prepare_motion(
 ) -> Motion:
     """Return the part of a motion that a robot plays, checked against the robot.
 
-    Position and speed limits are checked on the spline, between the samples too.
+    Position and speed limits are checked on the spline, between the samples too. A
+    joint that passes a position limit by little moves less, which the result's
+    `repairs` say: clips are often cut off at the limits, and splines overshoot there.
 
     Args:
         motion: The motion, from `builtin_motion` or `load_motion`.
@@ -52,6 +57,7 @@ def prepare_motion(
     playable = _playable(motion, allowed, ignored)
     center, lower, upper, speed = _room(playable, limits, home)
     _check_home(playable, center, lower, upper)
+    playable = _repaired(playable, center, lower, upper)
     _check_range(playable, center, lower, upper)
     _check_speed(playable, speed)
     return playable
@@ -111,6 +117,22 @@ def _position_shares(
     room = np.where(away > 0.0, upper - home, home - lower)
     columns = range(len(motion.joints))
     return np.array([_share_of(room[:, j], np.abs(away[:, j])) for j in columns])
+
+
+def _repaired(
+    motion: Motion, center: np.ndarray, lower: np.ndarray, upper: np.ndarray
+) -> Motion:
+    """Return a motion whose joints move less where they pass a limit by little."""
+    shares = _position_shares(motion, center, lower, upper)
+    if shares.min() < LEAST_REPAIR or (shares == 1.0).all():
+        return motion
+    told = [
+        f"{joint} moves {share:.3g} times as far"
+        for joint, share in zip(motion.joints, shares.tolist(), strict=True)
+        if share < 1.0
+    ]
+    positions = center + shares * (motion.positions - center)
+    return replace(motion, positions=positions, repairs=(*motion.repairs, *told))
 
 
 def _share_of(allowed: np.ndarray, needed: np.ndarray) -> float:
@@ -179,7 +201,7 @@ def _range_advice(
     factor = float(np.min(np.divide(room, np.abs(away), where=moved, out=room + 1.0)))
     if factor < 0.01:
         return "the home posture is at this limit, so move the home posture off it"
-    return f"scale its amplitude about home by {_rounded_down(factor)} or less"
+    return f"make it smaller: scale {_rounded_down(factor)} or less"
 
 
 def _check_speed(motion: Motion, speed: np.ndarray) -> None:

@@ -10,7 +10,7 @@ import zipfile
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -186,15 +186,36 @@ _NPZ_KEYS = (
 """Arrays that are read from an NPZ file; all others are only listed."""
 
 
+_MOST_BYTES = 2**28
+"""Size to which an array of a clip may unpack: 60 joints for an hour at 120 Hz [byte].
+"""
+
+
+def _check_sizes(stream: BinaryIO) -> None:
+    """Refuse an archive that is small but swells, by its headers alone."""
+    with zipfile.ZipFile(stream) as archive:
+        for entry in archive.infolist():
+            name = entry.filename.removesuffix(".npy")
+            if name in _NPZ_KEYS and entry.file_size > _MOST_BYTES:
+                raise MotionError(
+                    f'array "{name}" unpacks to {entry.file_size / 2**20:.0f} MB, at '
+                    f"most {_MOST_BYTES / 2**20:.0f} MB are read; cut the clip shorter"
+                )
+    stream.seek(0)
+
+
 def _npz_arrays(file: Path) -> dict[str, np.ndarray]:
     """Return the arrays of an NPZ file, without ever unpickling an object."""
     with file.open("rb") as stream:
         key = ""
         try:
+            _check_sizes(stream)
             with np.load(stream, allow_pickle=False) as archive:
                 arrays = dict.fromkeys(archive.files, np.empty(0))
                 for key in (k for k in _NPZ_KEYS if k in arrays):
                     arrays[key] = np.asarray(archive[key])
+        except MotionError:
+            raise
         except (
             *(ValueError, EOFError, TypeError, AttributeError, NotImplementedError),
             *(

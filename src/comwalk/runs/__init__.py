@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from .mcap_file import write_mcap as write_mcap
     from .recorder import ROWS_NAME as ROWS_NAME
     from .recorder import Recorder as Recorder
+    from .recorder import clear_folder as clear_folder
     from .recorder import log_path as log_path
     from .recorder import prepare_folder as prepare_folder
     from .run_data import Moment as Moment

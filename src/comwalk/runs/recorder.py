@@ -22,6 +22,12 @@ except ImportError:  # Windows has no such locks
 ROWS_NAME = "run.npy"
 """Rows of a run that is not saved yet, in its folder."""
 
+RUN_FILES = ("summary.json", "run.npz", "scene.mjb", "walk.png", "dance.png")
+RUN_FILES += ("report.html", MCAP_NAME)
+"""Files of a saved run."""
+
+_EXPORTS = {"csv": (".csv",), "parquet": (".parquet",), "rosbag2": (".mcap", ".yaml")}
+
 
 class Recorder:
     """Keeps the rows of a run in a file while they grow. Final.
@@ -54,6 +60,8 @@ class Recorder:
         self.log, self._robot, self.settings = log, robot, settings
         if self.path is not None:
             log.file = self.path.with_suffix(".npy")
+            if log.file.name == ROWS_NAME:
+                clear_folder(log.file.parent)
             self._file = _open(log.file)  # locked; the log maps the same file
             _write_settings(log.file, settings)
 
@@ -148,6 +156,35 @@ def prepare_folder(folder: str | Path) -> Path:
             f"cannot write the folder {path}: {error.strerror}; choose another by --out"
         ) from None
     return path
+
+
+def clear_folder(folder: Path, keep: str | Path | None = None) -> None:
+    """Remove what an earlier run left in a folder, so that all in it is of one run.
+
+    Args:
+        folder: The folder. What comwalk does not write stays.
+        keep: A file that stays.
+
+    Raises:
+        RunError: If a file cannot be removed.
+    """
+    exported = [
+        file
+        for name, endings in _EXPORTS.items()
+        for file in sorted(folder.glob(f"{name}/*"))
+        if file.suffix in endings
+    ]
+    try:
+        for file in (*(folder / name for name in RUN_FILES), *exported):
+            if keep is None or file != Path(keep):
+                file.unlink(missing_ok=True)
+        for name in _EXPORTS:
+            if (folder / name).is_dir() and not any((folder / name).iterdir()):
+                (folder / name).rmdir()
+    except OSError as error:
+        raise RunError(
+            f"cannot clear {folder}: {error}; choose another by --out"
+        ) from None
 
 
 def recover(folder: Path) -> bool:

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import ipaddress
 import socket
-from collections.abc import Generator
+from collections.abc import Generator, Mapping
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, NamedTuple
+from http import HTTPStatus
+from typing import TYPE_CHECKING, Any, NamedTuple
+from urllib.parse import urlsplit
 
 from ..errors import ViewError, checked_number
 
@@ -45,13 +48,77 @@ def open_server(host: str = HOST, port: int = 0) -> Generator[viser.ViserServer]
     import viser
 
     check_free(host, port)
-    with _silent_rich():
+    with _silent_rich(), _guarded(host):
         server = viser.ViserServer(host=host, port=port, label="comwalk", verbose=False)
     try:
         yield server
     finally:
         with _silent_rich():
             server.stop()
+
+
+def refusal(host: str, headers: Mapping[str, str]) -> str | None:
+    """Return why a request is not answered: it comes from a page of another site.
+
+    A page anywhere can make the browser of this machine ask for this one. The browser
+    tells where it comes from (Origin), and by which name it reached the server (Host):
+    another name than this machine's may have been pointed here on purpose.
+
+    Args:
+        host: The address that is listened at.
+        headers: Of the request.
+
+    Returns:
+        The reason, None if it is answered.
+    """
+    name, origin = headers.get("Host", ""), headers.get("Origin")
+    bare = urlsplit(f"//{name}").hostname or ""
+    known = {"localhost", host.lower(), socket.gethostname().lower()}
+    if bare not in known and not _is_address(bare):
+        return f"this page is not {bare or 'without a name'}"
+    if origin is not None and urlsplit(origin).netloc.lower() != name.lower():
+        return f"this page is not for {origin}"
+    return None
+
+
+def _is_address(name: str) -> bool:
+    """Return whether a name is an IP address, which nobody can point elsewhere."""
+    try:
+        ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return True
+
+
+@contextmanager
+def _guarded(host: str) -> Generator[None]:
+    """Let a server that starts meanwhile refuse what comes from other sites.
+
+    viser answers whoever asks, and hands nobody the requests: so the function is
+    wrapped that it serves with.
+    """
+    import websockets.asyncio.server as module
+
+    serve = module.serve
+
+    def guarded(*args: Any, process_request: Any = None, **options: Any) -> Any:
+        def answer(connection: Any, request: Any) -> Any:
+            try:
+                reason = refusal(host, request.headers)
+            except ValueError as error:  # a header that is none
+                reason = str(error)
+            if reason is not None:
+                return connection.respond(HTTPStatus.FORBIDDEN, f"{reason}\n")
+            return process_request(connection, request) if process_request else None
+
+        return serve(*args, process_request=answer, **options)
+
+    names = vars(module)
+    names["serve"] = guarded
+    try:
+        yield
+    finally:
+        names["serve"] = serve
 
 
 @contextmanager

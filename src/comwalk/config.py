@@ -237,7 +237,7 @@ class DanceConfig(RobotConfig):
         "Half of the distance between both feet; as in the robot's home posture if "
         "not given",
         "m",
-        "[0.02, 0.4]",
+        "[0.002, 4]",
     )
 
 

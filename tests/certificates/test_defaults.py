@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from models import write
 from robots import paper
 
 import comwalk
@@ -25,7 +26,9 @@ from comwalk.certificates.defaults import (
     similar_gains,
     walk_pattern,
 )
+from comwalk.certificates.description import describe, rows_of
 from comwalk.certificates.gain_check import check_control
+from comwalk.certificates.plan_check import check_feasible
 from comwalk.certificates.sampled_loop import SampledLoop, highest_cutoff
 from comwalk.control.gains import Gains
 from comwalk.control.law import ControlSettings
@@ -34,6 +37,8 @@ from comwalk.errors import ParameterError, PlanError
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.robot.model import Robot, load_robot
+from comwalk.run import simulate
+from comwalk.sides import Side
 
 
 def scaled_file(folder: Path, scale: float) -> Path:
@@ -226,3 +231,33 @@ def test_a_slow_controller_filters_more():
 def test_open_loop_needs_no_margin():
     gains = Gains(zmp=0.0, com=0.0)
     assert default_control_settings(paper(), gains) == ControlSettings()
+
+
+def test_the_default_gait_fits_what_the_robot_has(tmp_path):
+    """Ankles that are weaker and weaker: shorter, then slower, then told why not."""
+    file, speeds = write(tmp_path), []
+
+    def weak(torque: float) -> Robot:
+        ankles = {f"{side}_ankle_y": {"torque": torque} for side in Side}
+        return load_robot(file, profile={"limits": ankles})
+
+    for torque in (200.0, 27.0, 22.0):
+        robot = weak(torque)
+        gait = describe(robot)["gait"]
+        assert gait["fault"] is None
+        check_feasible(robot, walk_pattern(robot, 8))
+        speeds.append(gait["speed_m_s"])
+    assert speeds[0] > 2.0 * speeds[1] > 4.0 * speeds[2] > 0.0
+    told = describe(weak(2.0))
+    assert "_ankle_y needs a torque of" in told["gait"]["fault"]
+    assert "not even in place" in dict(rows_of(told))["walks by default"]
+
+
+@pytest.mark.parametrize("scale", [0.2, 0.4, 2.5])
+def test_robots_of_any_size_walk_by_default(tmp_path, scale):
+    """Limits, and what is near a singular posture, are in the robot's measures."""
+    robot = load_robot(write(tmp_path, scale=scale))
+    assert describe(robot)["gait"]["fault"] is None
+    pattern = walk_pattern(robot, 4)
+    check_feasible(robot, pattern)
+    assert simulate(robot, pattern).outcome.ok

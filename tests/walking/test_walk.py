@@ -10,8 +10,9 @@ import numpy as np
 import pytest
 from robots import paper
 
+from comwalk.certificates.defaults import walk_pattern
 from comwalk.control.gains import Gains
-from comwalk.control.guard import End
+from comwalk.control.guard import End, Watch
 from comwalk.control.law import ControlOutput, WalkingController
 from comwalk.control.loop import walk
 from comwalk.control.plant import Sensors, random_bounded
@@ -562,3 +563,14 @@ def test_wrong_kinds_say_what_to_call():
         simulate("paper", pattern_of(1))
     with pytest.raises(ParameterError, match="embed_in"):
         simulate(paper(), pattern_of(1), motion=builtin_motion("paper"))
+
+
+def test_a_fall_before_the_first_tick_is_saved(tmp_path):
+    """With its one row, its picture and its figures."""
+    run = simulate(paper(), walk_pattern(paper(), 2), watch=Watch(com_error=1e-9))
+    assert run.outcome.end is End.FELL
+    assert len(run.log["t"]) == 1
+    folder = run.save(tmp_path / "run")
+    told = json.loads((folder / "summary.json").read_text())
+    assert (told["outcome"], told["time_s"]) == ("fell", 0.0)
+    assert (folder / "walk.png").stat().st_size > 1e4

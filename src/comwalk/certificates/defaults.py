@@ -115,7 +115,7 @@ def _sway(robot: Robot, posture: Posture, com_velocity: np.ndarray) -> np.ndarra
     del still[base]
     still[LEGS[Side.RIGHT]] = CartesianMotion(np.zeros(6))
     task = Task(com_velocity, base, np.zeros(6), np.zeros(3), still)
-    return Resolver(robot.limbs).resolve(posture, task).velocity
+    return Resolver(robot.limbs, robot.damping).resolve(posture, task).velocity
 
 
 def default_gait(
@@ -353,31 +353,43 @@ def _natural_gait(robot: Robot | None) -> Gait:
 
 @lru_cache(maxsize=32)
 def largest_gait(robot: Robot) -> Gait:
-    """Return the longest steps, up to those of the similar gait, that keep the limits.
+    """Return the fastest gait, up to the similar one, that keeps the limits.
+
+    Steps are made shorter, then slower too, down to stepping in place.
 
     Args:
         robot: The robot; what its profile says of the gait stays as it is.
 
     Returns:
-        The gait; the similar one if not even the shortest steps fit.
+        The gait; the similar one if not even stepping in place fits.
     """
     stated = robot.profile.gait
     gait = stated.over(_similar_gait(robot))
     if "half_step" in stated.values:
         return gait
-    for share in _SHARES:
+    for share, slower in _TRIALS:
         lower = max(share, _LEAST_SWING)
         shorter = replace(
             gait,
             half_step=rounded(share * gait.half_step),
             swing_height=rounded(lower * gait.swing_height),
         )
+        if slower > 1.0:
+            shorter = replace(
+                shorter,
+                period=rounded(slower * gait.period),
+                transfer_time=rounded(slower * gait.transfer_time),
+            )
         if _fits(robot, shorter):
             return shorter
     return gait
 
 
-_SHARES = (1.0, 0.85, 0.7, 0.6, 0.5, 0.4)  # of the similar step that are tried
+_TRIALS = (
+    *((share, 1.0) for share in (1.0, 0.85, 0.7, 0.6, 0.5, 0.4, 0.25)),
+    *((0.4, 1.4), (0.2, 1.4), (0.2, 2.0), (0.0, 1.0), (0.0, 1.4), (0.0, 2.0)),
+)
+"""Lengths and times of steps that are tried, as shares of the similar ones [-]."""
 _LEAST_SWING = 0.5  # share of the similar clearance that is kept at least
 _NOT_OF_STEPS = ("self-collision", "stiffness")  # shorter steps do not help
 _USE = 0.98  # share of a limit that the natural gait may use

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from ..embedding import sigma_min
+from ..errors import ComwalkError
 from ..robot import (
     LEGS,
     Kinematics,
@@ -22,7 +23,8 @@ from ..robot import (
 )
 from ..robot.loaders import first_of
 from ..sides import Side
-from .defaults import default_gait, default_pendulum
+from .defaults import default_gait, default_pendulum, walk_pattern
+from .plan_check import feasibility
 
 
 def profile_of(robot: Robot) -> Profile:
@@ -159,10 +161,16 @@ def _missing(robot: Robot) -> dict[str, list[str]]:
     return {what: names[np.isinf(x)].tolist() for what, x in columns.items()}
 
 
-def _gait(robot: Robot) -> dict[str, float]:
-    """Return the gait that the robot walks with unless told otherwise."""
-    gait = default_gait(robot)
+def _gait(robot: Robot) -> dict[str, Any]:
+    """Return the gait that the robot walks with unless told otherwise, or why not."""
+    gait, fault = default_gait(robot), None
+    try:
+        result = feasibility(robot, walk_pattern(robot, 4))
+        fault = None if result.ok else str(result.worst)
+    except ComwalkError as error:
+        fault = str(error)
     return {
+        "fault": fault,
         "speed_m_s": _digits(gait.speed),
         "step_length_m": _digits(gait.step_length),
         "step_time_s": gait.period,
@@ -232,7 +240,9 @@ def rows_of(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
         (
             "walks by default",
             f"{gait['speed_m_s']:.3f} m/s: steps of {gait['step_length_m']:.3f} m in "
-            f"{gait['step_time_s']:.3g} s, feet {gait['step_width_m']:.3f} m apart",
+            f"{gait['step_time_s']:.3g} s, feet {gait['step_width_m']:.3f} m apart"
+            if gait["fault"] is None
+            else f"no gait fits, not even in place; of the usual one, {gait['fault']}",
         )
     )
     rows += [("note", note) for note in facts["notes"]]

@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from ..control import Actuation
-from ..embedding import Damping, EmbeddedMotion, scaled
+from ..embedding import EmbeddedMotion, scaled
 from ..errors import MotionError, PlanError
 from ..pattern import (
     Pattern,
@@ -468,7 +468,7 @@ def _load_demands(robot: Robot, pattern: Pattern, sweep: _Sweep) -> Iterator[Dem
 
 def _singularity_demands(robot: Robot, sweep: _Sweep) -> Iterator[Demand]:
     """Yield how near the legs come to a singular posture."""
-    least = Damping().threshold
+    least = robot.damping.threshold
     sigmas = np.linalg.svd(sweep.jacobians, compute_uv=False)[..., -1]
     for i, name in enumerate(x.name for x in robot.limbs if x.name in LEGS.values()):
         k = int(np.argmin(sigmas[:, i]))

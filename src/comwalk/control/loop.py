@@ -171,9 +171,10 @@ def walk(
         for k in range(math.ceil(pattern.duration / plant.period)):
             begin = time.perf_counter()
             outcome = ticker.step(k * plant.period, sensors)
+            if outcome is None or k == 0:  # a fall at once leaves a record, too
+                way.write(k, sensors, time.perf_counter() - begin)
             if outcome is not None:
                 break
-            way.write(k, sensors, time.perf_counter() - begin)
             sensors = way.read()
         reason = "done" if outcome is None else outcome.cause
     except KeyboardInterrupt:

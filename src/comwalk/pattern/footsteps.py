@@ -112,10 +112,10 @@ class Gait:
         0.8
     """
 
-    period: float = setting(1.0, "Time of one step, T", "s", "[0.3, 10]")
+    period: float = setting(1.0, "Time of one step, T", "s", "[0.15, 10]")
 
     transfer_time: float = setting(
-        0.1, "Half of the double support, t_d, at most T/2 - 0.05", "s", "[0.005, 5]"
+        0.1, "Half of the double support, t_d, at most T/2 - 0.05", "s", "[0.002, 5]"
     )
 
     half_step: float = setting(
@@ -123,23 +123,23 @@ class Gait:
         "Half of the distance between footprints, B; negative walks backward, 0 "
         "marches in place",
         "m",
-        "[-0.2, 0.2]",
+        "[-2, 2]",
     )
 
     half_width: float = setting(
-        0.09, "Half of the distance between both feet, A", "m", "[0.02, 0.4]"
+        0.09, "Half of the distance between both feet, A", "m", "[0.002, 4]"
     )
 
     swing_height: float = setting(
-        0.04, "Clearance of the swing foot in mid-swing", "m", "[0, 0.3]"
+        0.04, "Clearance of the swing foot in mid-swing", "m", "[0, 3]"
     )
 
     start_time: float = setting(
-        1.0, "Time from standing still to the first double support", "s", "[0.2, 10]"
+        1.0, "Time from standing still to the first double support", "s", "[0.05, 20]"
     )
 
     stop_time: float = setting(
-        1.0, "Time from the last double support to standing still", "s", "[0.2, 10]"
+        1.0, "Time from the last double support to standing still", "s", "[0.05, 20]"
     )
 
     stand_time: float = setting(
@@ -160,7 +160,7 @@ class Gait:
         "Sideways shift of the body per step, left positive; every second step is "
         "wide, so that the feet never meet",
         "m",
-        "[-0.2, 0.2]",
+        "[-2, 2]",
     )
 
     turn: float = setting(
@@ -174,7 +174,7 @@ class Gait:
             "transfer_time",
             self.transfer_time,
             unit="s",
-            low=0.005,
+            low=0.002,
             high=self.period / 2 - _MIN_SINGLE_SUPPORT / 2,
             hint="it must leave a single support of 0.1 s, so raise period or lower it",
         )
@@ -224,13 +224,13 @@ class Footstep:
 
     yaw: float = setting(0.0, "Heading of the landed foot, world", "rad", "[-1e6, 1e6]")
 
-    single_support: float = setting(0.8, "Duration of the swing", "s", "[0.05, 10]")
+    single_support: float = setting(0.8, "Duration of the swing", "s", "[0.03, 10]")
 
     double_support: float = setting(
         0.2, "Duration of the transfer just before the swing", "s", "[0.001, 10]"
     )
 
-    swing_height: float = setting(0.04, "Clearance in mid-swing", "m", "[0, 0.3]")
+    swing_height: float = setting(0.04, "Clearance in mid-swing", "m", "[0, 3]")
 
     stand: float | None = setting(
         None,
@@ -289,7 +289,7 @@ class FootstepPlan:
         PAPER_SOLE,
         "Length and width of each sole",
         "m",
-        "[0.01, 1]",
+        "[0.002, 5]",
         items=("length", "width"),
     )
 

@@ -72,7 +72,7 @@ class FastResolver:
             ModelError: If the robot has no such limb.
         """
         self.robot = robot
-        self._damping = damping or Damping()
+        self._damping = damping or robot.damping
         self._flat, self._wanted = flatten(robot), records(WANTED)
         self._wanted["threshold"] = self._damping.threshold
         self._wanted["factor"] = self._damping.factor

@@ -18,7 +18,7 @@ import mujoco
 import numpy as np
 
 from ..control import Actuation, JointServos
-from ..embedding import JointLimit, Limb
+from ..embedding import Damping, JointLimit, Limb
 from ..errors import ModelError, ParameterError, checked_number
 from ..sides import Side
 from .anatomy import Anatomy
@@ -32,6 +32,8 @@ from .servos import Gains, set_gains, set_torque, soften_servos, takes_positions
 
 LEGS = {Side.LEFT: "left_leg", Side.RIGHT: "right_leg"}
 """Names of the two legs among a robot's limbs."""
+
+_PAPER_COM_HEIGHT = 0.687  # [m]
 
 # Limb, and the REP-120 frames (sites) that may mark its end, best first.
 _ENDS = {
@@ -170,6 +172,12 @@ class Robot:
     def com_height(self) -> float:
         """Height of the CoM above the soles in the walking posture [m]."""
         return self._stance[0]
+
+    @property
+    def damping(self) -> Damping:
+        """Damping of its resolution, that of the paper's robot to scale."""
+        usual = Damping().threshold
+        return Damping(threshold=usual * self.com_height / _PAPER_COM_HEIGHT)
 
     @property
     def omega(self) -> float:

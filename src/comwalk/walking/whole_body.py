@@ -98,7 +98,7 @@ class WholeBody:
         self.resolution: Resolution | None = None
         """The last resolution by the robust solver; None if the kernels solved it."""
         self._commanded = Kinematics(robot, LEGS.values())
-        self._resolver = Resolver(robot.limbs)
+        self._resolver = Resolver(robot.limbs, robot.damping)
         bounded_solver()  # not to be imported in mid-walk
         self.arrays = self._arrays()
         """All that a tick reads and writes."""

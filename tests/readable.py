@@ -530,7 +530,7 @@ class ReadableBody:
         """Motion of arms, waist or head; None if there is none."""
         self._commanded = Kinematics(robot, LEGS.values())
         self._sensed = Kinematics(robot, LEGS.values())
-        self._resolver = Resolver(robot.limbs)
+        self._resolver = Resolver(robot.limbs, robot.damping)
         self._home = robot.home[7:].copy()
         self._zmp = np.zeros(2)
         self._support = Side.LEFT

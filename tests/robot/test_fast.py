@@ -36,7 +36,7 @@ def test_resolution_is_the_readable_one(name, ends):
     robot = robot_of(name)
     rng = np.random.default_rng(1)
     fast, kinematics = FastResolver(robot, ends), Kinematics(robot)
-    resolver, compiled = Resolver(robot.limbs), 0
+    resolver, compiled = Resolver(robot.limbs, robot.damping), 0
     for k in range(12):
         q = random_configuration(robot, rng)
         if k % 3 == 0:
@@ -61,7 +61,7 @@ def test_followers_move_with_their_leaders(tmp_path):
         q = random_configuration(robot, rng)
         coupling.follow(q[7:])
         any_task(fast, rng)
-        expected = Resolver(robot.limbs).resolve(
+        expected = Resolver(robot.limbs, robot.damping).resolve(
             Kinematics(robot).posture(q), fast.task
         )
         coupling.unfold(expected.velocity)
@@ -81,7 +81,9 @@ def test_straight_legs_are_handed_over(bend):
     any_task(fast, rng)
     v = np.zeros(6 + len(robot.joints))
     assert resolve_at(fast.handle, q, v) == SINGULAR
-    expected = Resolver(robot.limbs).resolve(Kinematics(robot).posture(q), fast.task)
+    expected = Resolver(robot.limbs, robot.damping).resolve(
+        Kinematics(robot).posture(q), fast.task
+    )
     assert expected.damped
     assert np.array_equal(fast.resolve(q), expected.velocity)
 
@@ -96,7 +98,7 @@ def test_straight_arms_are_damped_alike(bend):
             q[7 + j] = bend
     for _ in range(5):
         any_task(fast, rng)
-        expected = Resolver(robot.limbs).resolve(
+        expected = Resolver(robot.limbs, robot.damping).resolve(
             Kinematics(robot).posture(q), fast.task
         )
         v = np.zeros_like(expected.velocity)
@@ -114,7 +116,9 @@ def test_what_is_not_solved_here_is_the_readable_ones():
     assert not can_resolve(robot, fast._flat)
     any_task(fast, rng)
     q = random_configuration(robot, rng)
-    expected = Resolver(robot.limbs).resolve(Kinematics(robot).posture(q), fast.task)
+    expected = Resolver(robot.limbs, robot.damping).resolve(
+        Kinematics(robot).posture(q), fast.task
+    )
     assert np.array_equal(fast.resolve(q), expected.velocity)
 
 

@@ -355,7 +355,7 @@ def _natural_gait(robot: Robot | None) -> Gait:
 def largest_gait(robot: Robot) -> Gait:
     """Return the fastest gait, up to the similar one, that keeps the limits.
 
-    Steps are made shorter, then slower too, down to stepping in place.
+    Steps are made shorter, then narrower or slower too, down to stepping in place.
 
     Args:
         robot: The robot; what its profile says of the gait stays as it is.
@@ -367,13 +367,17 @@ def largest_gait(robot: Robot) -> Gait:
     gait = stated.over(_similar_gait(robot))
     if "half_step" in stated.values:
         return gait
-    for share, slower in _TRIALS:
+    least = 0.5 * _least_width(robot)
+    for share, slower, narrower in _TRIALS:
         lower = max(share, _LEAST_SWING)
         shorter = replace(
             gait,
             half_step=rounded(share * gait.half_step),
             swing_height=rounded(lower * gait.swing_height),
         )
+        if narrower < 1.0 and gait.half_width > least:
+            width = rounded(max(narrower * gait.half_width, least))
+            shorter = replace(shorter, half_width=width)
         if slower > 1.0:
             shorter = replace(
                 shorter,
@@ -386,10 +390,13 @@ def largest_gait(robot: Robot) -> Gait:
 
 
 _TRIALS = (
-    *((share, 1.0) for share in (1.0, 0.85, 0.7, 0.6, 0.5, 0.4, 0.25)),
-    *((0.4, 1.4), (0.2, 1.4), (0.2, 2.0), (0.0, 1.0), (0.0, 1.4), (0.0, 2.0)),
+    *((share, 1.0, 1.0) for share in (1.0, 0.85, 0.7, 0.6, 0.5, 0.4, 0.25)),
+    *((share, 1.0, 0.85) for share in (1.0, 0.7, 0.4)),
+    *((0.4, 1.4, 1.0), (0.4, 1.4, 0.8), (0.2, 1.4, 1.0), (0.2, 2.0, 1.0)),
+    *((0.0, 1.0, 1.0), (0.0, 1.4, 1.0), (0.0, 2.0, 1.0), (0.0, 2.0, 0.8)),
 )
-"""Lengths and times of steps that are tried, as shares of the similar ones [-]."""
+"""Lengths and times of steps, and distances of the feet, that are tried, as shares of
+the similar ones [-]."""
 _LEAST_SWING = 0.5  # share of the similar clearance that is kept at least
 _NOT_OF_STEPS = ("self-collision", "stiffness")  # shorter steps do not help
 _USE = 0.98  # share of a limit that the natural gait may use
@@ -406,15 +413,20 @@ def _fits(robot: Robot, gait: Gait) -> bool:
     return all(d.share <= _USE for d in demands if d.what not in _NOT_OF_STEPS)
 
 
+def _least_width(robot: Robot) -> float:
+    """Return the least distance of the feet at which soles do not meet [m]."""
+    r = round(robot.com_height, 3) / PAPER_PENDULUM.height
+    return robot.sole_size[1] + SOLE_GAP * r
+
+
 def _similar_gait(robot: Robot) -> Gait:
     """Return the paper's gait scaled to a robot."""
     r = round(robot.com_height, 3) / PAPER_PENDULUM.height
-    apart, least = robot.stance_width, robot.sole_size[1] + SOLE_GAP * r
     times = ("period", "transfer_time", "start_time", "stop_time")
     lengths = ("half_step", "swing_height")
     return replace(
         PAPER_GAIT,
-        half_width=rounded(0.5 * max(apart, least)),
+        half_width=rounded(0.5 * max(robot.stance_width, _least_width(robot))),
         **{k: rounded(math.sqrt(r) * getattr(PAPER_GAIT, k)) for k in times},
         **{k: rounded(r * getattr(PAPER_GAIT, k)) for k in lengths},
     )

@@ -322,7 +322,10 @@ class _Seeker:
         return max(shares)
 
     def _pre_bend(self) -> None:
-        """Bend the knees the way that they bend, and hip and ankle against them."""
+        """Bend the knees the way that they bend, and hip and ankle against them.
+
+        They bend as ours, unless the ranges allow it better the other way round.
+        """
         look = Skeleton(self.model, self.data, "")
         for side in Side:
             joints = list(self.limbs.legs[side])
@@ -332,12 +335,16 @@ class _Seeker:
             ]
             bent = [(k, _KNEE), *((i, _HIP) for i in pitch[::-1] if i < k)][:2]
             bent += [(i, _HIP) for i in pitch if i > k][:1]
-            for i, angle in bent:
-                if joints[i] not in self.fixed:
-                    sign = math.copysign(1.0, look.axes([joints[i]])[0, 1])
-                    place = int(self.model.jnt_qposadr[joints[i]])
-                    low, high = self.low[place - 7], self.high[place - 7]
-                    self.q[place] = np.clip(sign * angle, low, high)
+            free = [(joints[i], x) for i, x in bent if joints[i] not in self.fixed]
+            if not free:
+                continue
+            turned, angles = zip(*free, strict=True)
+            places = self.model.jnt_qposadr[list(turned)]
+            low, high = self.low[places - 7], self.high[places - 7]
+            ours = np.copysign(1.0, look.axes(turned)[:, 1]) * angles
+            ways = {way: np.clip(way * ours, low, high) for way in (1.0, -1.0)}
+            missed = {way: np.abs(q - way * ours).sum() for way, q in ways.items()}
+            self.q[places] = ways[-1.0 if missed[-1.0] < missed[1.0] - 1e-9 else 1.0]
         self._update()
 
     def _sigma(self, side: Side) -> float:

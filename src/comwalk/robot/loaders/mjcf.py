@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ from ...errors import ModelError, one_line
 from .mjcf_tree import whole_tree
 from .parts import LinkMesh, Mimic, ModelFile, first_of, resolve_mimics, rotation_of
 
+_UNKNOWN = re.compile(r"unrecognized attribute: '([^']+)' Element '([^']+)'")
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _FREE = mujoco.mjtJoint.mjJNT_FREE
 _STAND_IN = "comwalk stand-in "
@@ -68,11 +70,29 @@ def _parse(root: ET.Element, path: Path, notes: list[str]) -> mujoco.MjSpec:
     try:
         if any(tree.iter("model")) or any(tree.iter("flexcomp")):  # read other files
             return mujoco.MjSpec.from_file(str(path.absolute()))
-        spec = mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
+        spec = _parse_tolerantly(tree, notes)
     except (ValueError, mujoco.FatalError) as error:
         raise ModelError(f"it is not a readable MJCF: {one_line(error)}") from None
     spec.modelfiledir = str(folder)
     return spec
+
+
+def _parse_tolerantly(tree: ET.Element, notes: list[str]) -> mujoco.MjSpec:
+    """Return the model of a tree, without attributes that MuJoCo no longer knows."""
+    while True:
+        try:
+            return mujoco.MjSpec.from_string(ET.tostring(tree, encoding="unicode"))
+        except ValueError as error:
+            found = _UNKNOWN.search(one_line(error))
+            if found is None:
+                raise
+            name, tag = found.groups()
+            holders = [
+                x for x in tree.iter(tag) if x.attrib.pop(name, None) is not None
+            ]
+            if not holders:
+                raise
+            notes.append(f"<{tag} {name}> is unknown to this MuJoCo, left out")
 
 
 def _name_all(spec: mujoco.MjSpec) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from models import urdf
 from robots import paper, robot_of
 
 from comwalk.certificates.defaults import walk_pattern
@@ -499,3 +500,21 @@ def test_advice_on_a_dance_works(tmp_path):
         run = build_dance(DanceConfig(**words, **{flag: float(factor)})).run()
         assert run.outcome.ok
     assert build_dance(DanceConfig(**words, force=True)).run().outcome is not None
+
+
+def test_arms_that_hang_into_the_legs_are_told_and_walked(tmp_path):
+    """Their shapes are rough; what a motion does with them is refused."""
+    text = urdf()
+    fat = '<collision><geometry><box size="0.3 0.3 0.3"/></geometry></collision>'
+    for side in Side:
+        end = text.index("</link>", text.index(f'<link name="link_{side}_wrist_z"'))
+        text = text[:end] + fat + text[end:]
+    file = tmp_path / "fat.urdf"
+    file.write_text(text)
+    robot = load_robot(file)
+    pattern = walk_pattern(robot, 2)
+    found = [
+        d for d in feasibility(robot, pattern).demands if d.what == "self-collision"
+    ]
+    assert all(d.share <= 1.0 for d in found)
+    check_feasible(robot, pattern)

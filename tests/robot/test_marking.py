@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 
@@ -387,9 +388,37 @@ def test_feet_that_lie_tilted_in_the_zero_posture(tmp_path, tilt):
     mujoco.mj_forward(m, data)
     touching = [g for g in range(m.ngeom) if m.geom_contype[g] or m.geom_conaffinity[g]]
     assert len(touching) == 8
+    run = simulate(robot, walk_pattern(robot, 1))
+    assert run.outcome.ok
+    load = run.log["loads_true"].sum(axis=1)
+    weight = robot.mass * robot.gravity
+    assert load.mean() == pytest.approx(weight, rel=0.01)
     for g in touching:
         corners = np.array(np.meshgrid(*[(-1, 1)] * 3)).reshape(3, -1).T
         R = data.geom_xmat[g].reshape(3, 3)
         low = data.geom_xpos[g] + (corners * m.geom_size[g]) @ R.T
         assert low[:, 2].min() == pytest.approx(0.0, abs=1e-4)
         assert abs(R[2, 2]) == pytest.approx(1.0, abs=1e-6)
+
+
+def test_what_is_fixed_to_a_foot_is_part_of_it(tmp_path):
+    """Cleats that are links of their own: the ground bears the foot by them."""
+    text = urdf(foot="none")
+    for side in Side:
+        for n, (x, y) in enumerate(itertools.product((-0.07, 0.15), (-0.04, 0.04))):
+            name = f"cleat_{side}_{n}"
+            text = text.replace(
+                "</robot>",
+                f'<link name="{name}"><collision><geometry><box size="0.02 0.02 0.03"/>'
+                f'</geometry></collision></link><joint name="at_{name}" type="fixed">'
+                f'<origin xyz="{x} {y} -0.065"/><parent link="link_{side}_ankle_x"/>'
+                f'<child link="{name}"/></joint></robot>',
+            )
+    file = tmp_path / "cleats.urdf"
+    file.write_text(text)
+    robot = load_robot(file)
+    run = simulate(robot, walk_pattern(robot, 1))
+    assert run.outcome.ok
+    weight = robot.mass * robot.gravity
+    assert run.log["loads_true"].sum(axis=1).mean() == pytest.approx(weight, rel=0.01)
+    assert np.isfinite(run.log["zmp_true"]).mean() > 0.99

@@ -700,3 +700,12 @@ def test_a_text_in_another_encoding_than_it_states_is_read(tmp_path):
     assert "not UTF-8 (it has the byte fc)" in read_model(path).notes[-1]
     path.write_bytes(text.replace('"utf-8"', '"utf-16"').encode("utf-16"))
     assert not any("UTF-8" in note for note in read_model(path).notes)
+
+
+def test_attributes_of_an_older_mujoco_are_left_out(tmp_path):
+    more = '<option><flag sensornoise="enable" gravity="enable"/></option>'
+    file = read(tmp_path, MJCF.format(free=FREE, more=more), "robot.xml")
+    assert file.spec.compile().njnt == 3
+    assert any("<flag sensornoise> is unknown to this MuJoCo" in x for x in file.notes)
+    with pytest.raises(ModelError, match="not a readable MJCF"):
+        read(tmp_path, MJCF.format(free=FREE, more="<nothing/>"), "robot.xml")

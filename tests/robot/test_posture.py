@@ -179,3 +179,12 @@ def test_legs_that_lack_a_joint_are_told_which(tmp_path):
         found[leg] = look.lacks([j + 1 for j in limb.joints])
     assert "5 joints; the roll of the ankle is missing" in found.values()
     assert "5 joints; the yaw of the hip is missing" in found.values()
+
+
+def test_knees_that_bend_back(tmp_path):
+    """As those of a bird, if the ranges are theirs."""
+    limits = {"hip_y": (-0.1, 1.6), "knee_y": (-2.1, 0.1), "ankle_y": (-0.1, 1.6)}
+    robot = load_robot(write(tmp_path, limits=limits))
+    check_standing(robot)
+    assert robot.home_angles["left_knee_y"] < -0.3
+    assert bend(robot) == pytest.approx(BEND, abs=0.02)

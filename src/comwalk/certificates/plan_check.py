@@ -164,7 +164,7 @@ def feasibility(
                 *_joint_demands(robot, sweep),
                 *_load_demands(robot, pattern, sweep),
                 *_singularity_demands(robot, sweep),
-                *_collision_demands(robot, sweep, geometry),
+                *_collision_demands(robot, sweep, geometry, motion),
             ]
         )
     )
@@ -372,9 +372,6 @@ def _with_less(
     return pattern, dataclasses.replace(motion, motion=clip, stop=stop), text
 
 
-# ---- The reference of the whole body ------------------------------------------------
-
-
 # ---- Demands ------------------------------------------------------------------------
 
 
@@ -479,10 +476,14 @@ def _singularity_demands(robot: Robot, sweep: _Sweep) -> Iterator[Demand]:
 
 
 def _collision_demands(
-    robot: Robot, sweep: _Sweep, geometry: mujoco.MjSpec | None
+    robot: Robot,
+    sweep: _Sweep,
+    geometry: mujoco.MjSpec | None,
+    motion: EmbeddedMotion | None,
 ) -> list[Demand]:
-    """Return links that come near each other."""
+    """Return links that come near each other; arms that hang are told, not refused."""
     collision, worst = SelfCollision(robot, geometry), {}
+    hanging = collision.arms if motion is None else frozenset()
     due = -math.inf
     for time, q in zip(sweep.times.tolist(), sweep.configurations, strict=True):
         if time < due:
@@ -491,6 +492,7 @@ def _collision_demands(
         for links, distance in collision.distances(q).items():
             worst[links] = min((distance, time), worst.get(links, (math.inf, 0.0)))
     return [
-        Demand("self-collision", links, d, 0.0, "m", 1.0 - d / CLEARANCE, time)
-        for links, (d, time) in worst.items()
+        Demand("self-collision", links, d, 0.0, "m", min(1.0 - d / CLEARANCE, most), t)
+        for links, (d, t) in worst.items()
+        for most in (math.inf if hanging.isdisjoint(links.split(" and ")) else 1.0,)
     ]

@@ -22,6 +22,24 @@ _NEAR = 3  # links that are at most as many joints apart may overlap, as at a hi
 _MOST = 0.4  # share of links with geoms that collide, for only these to count
 
 
+def _arm_links(robot: Robot) -> frozenset[str]:
+    """Return the names of the bodies of both arms.
+
+    Where arms just hang, their shapes are convex hulls of meshes or rough boxes, and
+    the posture is one that was found: that they meet legs says little.
+    """
+    found, m = set(), robot.model
+    for limb in robot.limbs:
+        if limb.name.endswith("_arm") and limb.joints:
+            first = int(m.jnt_bodyid[1 + limb.joints[0]])
+            inside = {first}
+            for body in range(first + 1, m.nbody):
+                if int(m.body_parentid[body]) in inside:
+                    inside.add(body)
+            found |= {m.body(body).name for body in inside}
+    return frozenset(found)
+
+
 class SelfCollision:
     """Finds links that meet. Final.
 
@@ -46,6 +64,8 @@ class SelfCollision:
         self._touching: set[tuple[int, int]] = set()
         self._touching = {pair for pair, _ in self._pairs(robot.home)}
         self._touching |= _neighbours(self.model)
+        self.arms = _arm_links(robot)
+        """Names of the bodies of both arms."""
 
     def distances(self, q: np.ndarray) -> dict[str, float]:
         """Return the distances of links that are near each other.

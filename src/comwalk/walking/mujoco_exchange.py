@@ -131,8 +131,9 @@ def feel_step(scene: np.ndarray, step: int) -> None:
         exerted[k] += forces[actuators[k]]
     com = floats_at(scene, IN_COM)
     x, y, z = com[0], com[1], com[2]
-    for k in range(2):
-        own, total = force[6 * feet[k] : 6 * feet[k] + 6], ground[6 * k : 6 * k + 6]
+    for n in range(len(feet) // 2):
+        body, k = feet[2 * n], feet[2 * n + 1]
+        own, total = force[6 * body : 6 * body + 6], ground[6 * k : 6 * k + 6]
         total[0] += own[0] + y * own[5] - z * own[4]
         total[1] += own[1] + z * own[3] - x * own[5]
         total[2] += own[2] + x * own[4] - y * own[3]

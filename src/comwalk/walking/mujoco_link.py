@@ -149,7 +149,7 @@ def scene_arrays(plant: SimulatedRobot, table: np.ndarray) -> SceneArrays:
         np.array(robot.servo.actuators, dtype=np.int64),
         plant.ankles.ravel().astype(np.int64),
         np.array(imu, dtype=np.int64),
-        np.array(plant.feet, dtype=np.int64),
+        np.array(plant.feet, dtype=np.int64).ravel(),
         plant.felt.reshape(-1),
         plant.ground.reshape(-1),
         table.view(np.uint8).reshape(-1),

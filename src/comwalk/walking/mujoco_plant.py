@@ -89,8 +89,8 @@ class SimulatedRobot:
         """Where the IMU's readings stand in sensordata."""
         self.ankles = np.array([ankle_readings(self.model, side) for side in Side])
         """Where the ankles' forces and torques do, (2, 6)."""
-        self.feet = self.model.site_bodyid[[robot.feet[side].site for side in Side]]
-        """Bodies of the feet."""
+        self.feet = _bodies_of_feet(robot, self.model)
+        """Bodies of the feet and what is fixed to them, and of which foot, (n, 2)."""
         self._trunk = trunk_body(self.model)
         ages = self.settings.command_delay, self.settings.latency
         late, old = (round(age / period) + 1 for age in ages)
@@ -267,7 +267,8 @@ class SimulatedRobot:
         self.ground /= count
 
     def _ground_forces(self, data: mujoco.MjData) -> np.ndarray:
-        forces = data.cfrc_ext.take(self.feet, axis=0)
+        forces, bodies = np.zeros((2, 6)), self.feet
+        np.add.at(forces, bodies[:, 1], data.cfrc_ext[bodies[:, 0]])
         forces[:, :3] += _cross(data.subtree_com[self.robot.base_body], forces[:, 3:])
         return forces
 
@@ -337,3 +338,12 @@ def _cross(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 _SETTLING = 0.5  # time to come to rest before a run [s]
 _RESTING = 100  # readings of a robot at rest before it is taken over
 _HOLDING, _HOLDING_LAG = 200.0, 0.1  # stiffness in m g h [1/rad], and its damping [s]
+
+
+def _bodies_of_feet(robot: Robot, model: mujoco.MjModel) -> np.ndarray:
+    """Return the bodies of both feet, and which foot each is of, (n, 2)."""
+    weld, found = model.body_weldid, []
+    for k, side in enumerate(Side):
+        foot = int(model.site_bodyid[robot.feet[side].site])
+        found += [(int(body), k) for body in np.flatnonzero(weld == weld[foot])]
+    return np.array(found)

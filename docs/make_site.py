@@ -37,6 +37,7 @@ PAGES = {
     "Files": "files.md",
     "Pages and films": "pages.md",
     "Robots": "robots.md",
+    "Descriptions that were tried": "descriptions.md",
 }
 """Titles of pages first in the menu, and their files; others follow by name."""
 

@@ -422,3 +422,19 @@ def test_what_is_fixed_to_a_foot_is_part_of_it(tmp_path):
     weight = robot.mass * robot.gravity
     assert run.log["loads_true"].sum(axis=1).mean() == pytest.approx(weight, rel=0.01)
     assert np.isfinite(run.log["zmp_true"]).mean() > 0.99
+
+
+def test_what_a_file_says_of_motors_in_general_is_not_for_our_servos(tmp_path):
+    """A gear of 50 in its defaults would make each servo 50 times as stiff."""
+    text = read_model(write(tmp_path)).spec.to_xml()
+    motors = '<default><motor gear="50" ctrllimited="true" ctrlrange="-1 1"/></default>'
+    found = []
+    for more in ("", motors):
+        file = tmp_path / "robot.xml"
+        file.write_text(text.replace("<worldbody>", f"{more}<worldbody>", 1))
+        m = load_robot(file, actuation="position").model
+        assert not m.actuator_ctrllimited.any()
+        found.append((m.actuator_gear, m.actuator_gainprm, m.actuator_forcerange))
+    for one, other in zip(*found, strict=True):
+        np.testing.assert_array_equal(one, other)
+    assert (found[0][0][:, 0] == 1.0).all()

@@ -252,10 +252,20 @@ def add_servos(
             joint.armature = armature * own.stiffness
         actuator = spec.add_actuator(name=joint.name, target=joint.name)
         actuator.trntype = mujoco.mjtTrn.mjTRN_JOINT
+        _forget_defaults(actuator)
         set_gains(actuator, own)
         limit = torque.get(joint.name, 0.0)
         if 0.0 < limit < math.inf:
             set_torque(actuator, limit)
+
+
+def _forget_defaults(actuator: mujoco.MjsActuator) -> None:
+    """Take back what a file says of its motors in general: gears, ranges, dynamics."""
+    never = mujoco.mjtLimited.mjLIMITED_FALSE
+    actuator.gear = np.eye(6)[0]
+    actuator.ctrllimited = actuator.forcelimited = actuator.actlimited = never
+    actuator.ctrlrange = actuator.forcerange = actuator.actrange = np.zeros(2)
+    actuator.dyntype = mujoco.mjtDyn.mjDYN_NONE
 
 
 def set_gains(actuator: mujoco.MjsActuator, gains: Gains) -> None:

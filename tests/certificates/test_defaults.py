@@ -33,7 +33,7 @@ from comwalk.certificates.sampled_loop import SampledLoop, highest_cutoff
 from comwalk.control.gains import Gains
 from comwalk.control.law import ControlSettings
 from comwalk.control.settings import Control
-from comwalk.errors import ParameterError, PlanError
+from comwalk.errors import ModelError, ParameterError, PlanError
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.robot.model import Robot, load_robot
@@ -261,3 +261,11 @@ def test_robots_of_any_size_walk_by_default(tmp_path, scale):
     pattern = walk_pattern(robot, 4)
     check_feasible(robot, pattern)
     assert simulate(robot, pattern).outcome.ok
+
+
+def test_inertias_in_other_units_are_named(tmp_path):
+    text = write(tmp_path).read_text()
+    file = tmp_path / "heavy.urdf"
+    file.write_text(re.sub(r'i(xx|yy|zz)="', r'i\1="5', text))
+    with pytest.raises(ModelError, match=r"has an inertia of .* correct the units"):
+        default_pendulum(load_robot(file))

@@ -18,7 +18,7 @@ import numpy as np
 
 from ..control import PAPER_GAINS, Control, ControlSettings, Gains
 from ..embedding import CartesianMotion, JointMotion, Posture, Resolver, Task
-from ..errors import ComwalkError, ParameterError, PlanError, checked_number
+from ..errors import ComwalkError, ModelError, ParameterError, PlanError, checked_number
 from ..pattern import (
     PAPER_GAIT,
     PAPER_PENDULUM,
@@ -70,11 +70,22 @@ def default_pendulum(robot: Robot) -> Pendulum:
         Its CoM height above the soles, to 1 mm, the gravity of its model, and how
         much longer its legs make the pendulum; the paper's robot keeps the paper's
         point mass.
+
+    Raises:
+        ModelError: If its links resist turning more than any robot's do.
     """
+    inertia = sway_inertia(robot)
+    if inertia > _MOST_INERTIA:
+        m, k = robot.model, int(robot.model.body_inertia.max(axis=1).argmax())
+        size, mass = f"{m.body_inertia[k].max():.3g} kg m^2", f"{m.body_mass[k]:.3g} kg"
+        fault = f"{robot.name}: {m.body(k).name} has an inertia of {size} and {mass}"
+        raise ModelError(
+            f"{fault}, too large for a robot of its size; correct the units"
+        )
     natural = Pendulum(
         height=round(robot.com_height, 3),
         gravity=robot.gravity,
-        inertia=round(sway_inertia(robot), 3),
+        inertia=round(inertia, 3),
     )
     return robot.profile.pendulum.over(natural)
 
@@ -397,6 +408,7 @@ _TRIALS = (
 )
 """Lengths and times of steps, and distances of the feet, that are tried, as shares of
 the similar ones [-]."""
+_MOST_INERTIA = 2.0  # how much longer turning links may make the pendulum [-]
 _LEAST_SWING = 0.5  # share of the similar clearance that is kept at least
 _NOT_OF_STEPS = ("self-collision", "stiffness")  # shorter steps do not help
 _USE = 0.98  # share of a limit that the natural gait may use

@@ -9,11 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from models import write
 from robots import paper
 
 import comwalk
 from comwalk.certificates import sampled_loop_of, servo_lag_of, stance_ratio
-from comwalk.certificates.reach import MOST_FRICTION
 from comwalk.config import WalkConfig
 from comwalk.control import (
     Actuation,
@@ -26,7 +26,7 @@ from comwalk.control import (
 from comwalk.errors import ModelError, ParameterError, PlanError
 from comwalk.replay import replay
 from comwalk.robot.model import load_robot
-from comwalk.robot.servos import PD_STIFFNESS
+from comwalk.robot.servos import MOST_FRICTION, PD_STIFFNESS
 from comwalk.run import prepare
 from comwalk.setup import build_walk
 from comwalk.walking import SimulatedRobot, WholeBody
@@ -200,3 +200,16 @@ def test_friction_that_tips_the_robot_is_refused_before_it_moves():
     assert dataclasses.replace(beyond, control=known).certificate().stable
     stiff = build_walk(WalkConfig(robot="paper", simulator=rubbing(8.0)))
     assert stiff.certificate().stable
+
+
+def test_a_file_with_much_friction_takes_positions(tmp_path):
+    """A fifth of what it tells is not known; what stiff servos overcome anyhow."""
+    text = write(tmp_path).read_text()
+    for friction, takes in ((1.0, Actuation.PD), (40.0, Actuation.POSITION)):
+        more = f'<dynamics friction="{friction}"/></joint>'
+        file = tmp_path / "rubs.urdf"
+        file.write_text(text.replace("</joint>", more))
+        assert load_robot(file).actuation is takes
+    setup = build_walk(WalkConfig(robot=str(file), steps=1, actuation="pd"))
+    with pytest.raises(PlanError, match="8 N m of unknown friction, a fifth of what"):
+        setup.run()

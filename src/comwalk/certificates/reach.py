@@ -14,7 +14,14 @@ from ..control import Actuation, BodySettings, ControlOutput, SimulatorSettings
 from ..embedding import EmbeddedMotion, rotation_yaw
 from ..errors import ModelError, PlanError
 from ..pattern import Pattern, Phase
-from ..robot import LEGS, Kinematics, Robot, Skeleton
+from ..robot import (
+    DOUBTED_FRICTION,
+    LEGS,
+    MOST_FRICTION,
+    Kinematics,
+    Robot,
+    Skeleton,
+)
 from ..sides import Side
 from ..walking import WholeBody
 
@@ -119,11 +126,6 @@ def stance_ratio(robot: Robot) -> float | None:
     return least * robot.com_height / (robot.mass * robot.gravity)
 
 
-MOST_FRICTION = 0.12
-"""Largest unknown dry friction over m g times half a sole's width [-]: it shifts the
-ZMP. Six robots walked with as much; at 0.135 G1 fell, at 0.21 all of them."""
-
-
 def friction_fault(
     robot: Robot | None,
     pattern: Pattern,
@@ -135,23 +137,26 @@ def friction_fault(
     Args:
         robot: The robot; None for the simplified model.
         pattern: What is to be walked.
-        physics: Tells the friction that there is; none if None.
+        physics: Tells the friction that there is besides the file's; none if None.
         body: Tells what is known of it.
 
     Returns:
         None if they do not, if no step is made, or if stiff servos overcome it.
     """
     by_position = robot is None or robot.actuation is Actuation.POSITION
-    if by_position or physics is None or not pattern.plan.steps:
+    if by_position or not pattern.plan.steps:
         return None
-    unknown = physics.joint_friction - body.known_friction
+    more = 0.0 if physics is None else physics.joint_friction - body.known_friction
+    own = DOUBTED_FRICTION * float(robot.model.dof_frictionloss[6:].max(initial=0.0))
+    unknown = max(more, 0.0) + own
     width = robot.sole_size[1]
     most = MOST_FRICTION * robot.mass * robot.gravity * 0.5 * width
     if unknown <= most:
         return None
+    told = ", a fifth of what the file tells," if own else ""
     return (
-        f"joints with {unknown:g} N m of unknown friction shift the ZMP too far for "
-        f"soles of {1e3 * width:.0f} mm, which bear {most:.2g} N m by torque; "
+        f"joints with {unknown:.3g} N m of unknown friction{told} shift the ZMP too far "
+        f"for soles of {1e3 * width:.0f} mm, which bear {most:.2g} N m by torque; "
         f"state what is known, such as body.known_friction {0.8 * unknown:.2g}, or "
         "walk by actuation position"
     )

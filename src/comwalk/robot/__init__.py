@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from .profile import write_profile as write_profile
     from .self_collision import CLEARANCE as CLEARANCE
     from .self_collision import SelfCollision as SelfCollision
+    from .servos import DOUBTED_FRICTION as DOUBTED_FRICTION
+    from .servos import MOST_FRICTION as MOST_FRICTION
     from .soles import sole_numbers as sole_numbers
     from .urdf_export import link_names as link_names
     from .urdf_export import robot_urdf as robot_urdf

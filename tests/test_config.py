@@ -107,7 +107,7 @@ def test_a_value_of_the_file_may_be_mended_by_a_flag(tmp_path):
         ("[gait]\nperiod = '1'", ["gait.period must be a number"]),
         ("[gait]\nperiod = [1]", ["gait.period must be a number"]),
         ("[gait]\nperiod = {x = 1}", ["gait.period must be a number"]),
-        ("[gait]\nperiod = 100", ["gait.period must be a number in [0.3, 10] s"]),
+        ("[gait]\nperiod = 100", ["gait.period must be a number in [0.15, 10] s"]),
         ("[gait]\nperiod = nan", ["gait.period", "nan"]),
         ("[gait]\ndouble_support = 'papr'", ["gait.double_support", '"paper"']),
         (

@@ -9,8 +9,6 @@ Nothing may end in a traceback, and nothing that `comwalk check` accepts may fal
 
 from __future__ import annotations
 
-import contextlib
-import io
 import random
 import re
 import sys
@@ -20,7 +18,8 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
-from comwalk.cli.app import main as comwalk
+from many_robots import told
+
 from comwalk.errors import ModelError
 from comwalk.robot.loaders.sources import read_model
 
@@ -114,26 +113,24 @@ KINDS: dict[str, Spoil] = {
 }
 
 
-def told(*words: str) -> tuple[int | str, str]:
+def ended(*words: str) -> tuple[int | str, str]:
     """Return the exit code of a command, or the exception, and what it printed."""
-    out, err = io.StringIO(), io.StringIO()
-    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
-        try:
-            code: int | str = comwalk(words)
-        except Exception as error:
-            code = f"{type(error).__name__}: {error}"
-    return code, err.getvalue()
+    try:
+        code, _, errors = told(*words)
+    except Exception as error:
+        return f"{type(error).__name__}: {error}", ""
+    return code, errors
 
 
 def outcome(file: Path) -> str:
     """Return what comes of a file."""
-    code, text = told("check", str(file), "--steps", STEPS)
+    code, text = ended("check", str(file), "--steps", STEPS)
     if code not in (0, 1, 2) or (code == 2 and len(text.strip().splitlines()) != 1):
         return f"broken: {code}"
     if code:
         return "refused" if code == 2 else "not able"
     with tempfile.TemporaryDirectory() as folder:
-        code, _ = told("walk", str(file), "--steps", STEPS, "--out", folder)
+        code, _ = ended("walk", str(file), "--steps", STEPS, "--out", folder)
     return "walks" if code == 0 else "FALLS" if code == 1 else f"broken: {code}"
 
 

@@ -285,3 +285,9 @@ def write(folder: Path, build: Build | None = None, **options) -> Path:
 def _text(numbers) -> str:
     """Return numbers as an attribute."""
     return " ".join(f"{float(x):.9g}" for x in numbers)
+
+
+def with_shape(text: str, link: str, shape: str) -> str:
+    """Return a URDF with more in one of its links."""
+    end = text.index("</link>", text.index(f'<link name="{link}"'))
+    return text[:end] + shape + text[end:]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from models import urdf
+from models import urdf, with_shape
 from robots import paper, robot_of
 
 from comwalk.certificates.defaults import walk_pattern
@@ -507,8 +507,7 @@ def test_arms_that_hang_into_the_legs_are_told_and_walked(tmp_path):
     text = urdf()
     fat = '<collision><geometry><box size="0.3 0.3 0.3"/></geometry></collision>'
     for side in Side:
-        end = text.index("</link>", text.index(f'<link name="link_{side}_wrist_z"'))
-        text = text[:end] + fat + text[end:]
+        text = with_shape(text, f"link_{side}_wrist_z", fat)
     file = tmp_path / "fat.urdf"
     file.write_text(text)
     robot = load_robot(file)

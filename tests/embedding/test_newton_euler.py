@@ -156,16 +156,20 @@ def test_the_robots_have_joints_of_all_kinds():
     assert kinds.count(2) == 1
 
 
+def check_forces(robot: Robot, seed: int) -> None:
+    """Check forces of a random motion against MuJoCo's."""
+    q, v, a = random_motion(robot, seed)
+    expected = forces_of_mujoco(robot, q, v, a)
+    found = forces_of(robot, q, v, a)
+    assert np.abs(found - expected).max() < 1e-11 * np.abs(expected).max()
+
+
 @pytest.mark.parametrize("name", NAMES)
 @settings(max_examples=20)
 @given(seed=seeds)
 def test_forces_are_those_of_mujoco(name, seed):
     """Of the base in world axes, and of all joints with their rotors."""
-    robot = some_robot(name)
-    q, v, a = random_motion(robot, seed)
-    expected = forces_of_mujoco(robot, q, v, a)
-    found = forces_of(robot, q, v, a)
-    assert np.abs(found - expected).max() < 1e-11 * np.abs(expected).max()
+    check_forces(some_robot(name), seed)
 
 
 @pytest.mark.parametrize("build", ["a lift", "oblique"])
@@ -182,10 +186,7 @@ def test_forces_of_other_humanoids_are_those_of_mujoco(build, tmp_path):
     kind = SLIDE if build == "a lift" else ANY_AXIS
     assert (flatten(robot).links["kind"][1:] == kind).sum() == 1
     for seed in range(5):
-        q, v, a = random_motion(robot, seed)
-        expected = forces_of_mujoco(robot, q, v, a)
-        found = forces_of(robot, q, v, a)
-        assert np.abs(found - expected).max() < 1e-11 * np.abs(expected).max()
+        check_forces(robot, seed)
 
 
 @pytest.mark.parametrize("name", ["paper", "jvrc1"])

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from models import ARM, LEG, Build, renaming, urdf, write
+from models import ARM, LEG, Build, renaming, urdf, with_shape, write
 from scipy.optimize import linear_sum_assignment
 
 from comwalk.errors import ModelError
@@ -189,9 +189,7 @@ def test_the_lowest_shape_is_the_sole(folder):
     )
     text = urdf(foot="none")
     for s in Side:
-        start = text.index(f'<link name="link_{s}_ankle_x"')
-        end = text.index("</link>", start)
-        text = text[:end] + at_ankle + text[end:]
+        text = with_shape(text, f"link_{s}_ankle_x", at_ankle)
     file = folder / "mixed.urdf"
     file.write_text(text)
     for sole in anatomy_of(file).soles.values():

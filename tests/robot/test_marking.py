@@ -9,7 +9,7 @@ import re
 import mujoco
 import numpy as np
 import pytest
-from models import LEG, urdf, write
+from models import LEG, urdf, with_shape, write
 from readable import holding_forces
 
 from comwalk.certificates.defaults import walk_pattern
@@ -378,8 +378,7 @@ def test_feet_that_lie_tilted_in_the_zero_posture(tmp_path, tilt):
     studs = "".join(stud(x, y) for x in (-0.07, 0.15) for y in (-0.04, 0.04))
     text = urdf(foot="none")
     for side in Side:
-        end = text.index("</link>", text.index(f'<link name="link_{side}_ankle_x"'))
-        text = text[:end] + studs + text[end:]
+        text = with_shape(text, f"link_{side}_ankle_x", studs)
     file = tmp_path / "studs.urdf"
     file.write_text(text)
     robot = load_robot(file)

@@ -207,6 +207,16 @@ def _rows_by_drive(
     ]
 
 
+def _outcome_rows(findings: Findings, names: list[str]) -> list[tuple[str, ...]]:
+    """Return how each robot ended some cases, by position and by torque."""
+    return _rows_by_drive(
+        findings,
+        lambda robot, drive: [
+            outcome_cell(findings.one(robot, name, drive)) for name in names
+        ],
+    )
+
+
 def _done(findings: Findings, cases: Iterable[Case]) -> list[str]:
     names = {job.case.name for job in findings.jobs}
     return [case.name for case in cases if case.name in names]
@@ -235,12 +245,7 @@ def _robot_table(findings: Findings) -> Table:
 def _outcome_table(findings: Findings) -> Table:
     """Outcomes of walks and dances."""
     names = _done(findings, WALKS)
-    rows = _rows_by_drive(
-        findings,
-        lambda robot, drive: [
-            outcome_cell(findings.one(robot, n, drive)) for n in names
-        ],
-    )
+    rows = _outcome_rows(findings, names)
     title = "Walks and dances on a flat floor: how far from the planned end"
     return title, ("robot", *names), rows
 
@@ -283,12 +288,7 @@ def _ablation_table(findings: Findings) -> Table:
 def _disturbed_table(findings: Findings) -> Table:
     """Outcomes of the forward walk under disturbances."""
     names = _done(findings, DISTURBED)
-    rows = _rows_by_drive(
-        findings,
-        lambda robot, drive: [
-            outcome_cell(findings.one(robot, n, drive)) for n in names
-        ],
-    )
+    rows = _outcome_rows(findings, names)
     title = "The walk forward, with what the controller does not know of"
     return title, ("robot", *names), rows
 

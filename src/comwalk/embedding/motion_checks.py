@@ -78,15 +78,11 @@ def fitted(
     Returns:
         The motion within its limits, and what was changed, a phrase each.
     """
-    motion, notes = embedded.motion, []
+    motion = embedded.motion
     home = dict(zip(motion.joints, embedded.home.tolist(), strict=True))
     center, lower, upper, speed = _room(motion, limits, home)
     shares = _position_shares(motion, center, lower, upper)
-    for joint, share in zip(motion.joints, shares.tolist(), strict=True):
-        if share < 1.0:
-            notes.append(f"{joint} moves {share:.3g} times as far")
-    positions = center + shares * (motion.positions - center)
-    motion = replace(motion, positions=positions)
+    motion, notes = _moved_less(motion, center, shares)
     slower = _share_of(speed, np.abs(_rate_extremes(motion)[1]))
     if slower < 1.0:
         notes.append(f"{slower:.3g} times as fast")
@@ -126,13 +122,21 @@ def _repaired(
     shares = _position_shares(motion, center, lower, upper)
     if shares.min() < LEAST_REPAIR or (shares == 1.0).all():
         return motion
+    smaller, told = _moved_less(motion, center, shares)
+    return replace(smaller, repairs=(*motion.repairs, *told))
+
+
+def _moved_less(
+    motion: Motion, center: np.ndarray, shares: np.ndarray
+) -> tuple[Motion, list[str]]:
+    """Return a motion each of whose joints moves a share as far, and what was done."""
     told = [
         f"{joint} moves {share:.3g} times as far"
         for joint, share in zip(motion.joints, shares.tolist(), strict=True)
         if share < 1.0
     ]
     positions = center + shares * (motion.positions - center)
-    return replace(motion, positions=positions, repairs=(*motion.repairs, *told))
+    return replace(motion, positions=positions), told
 
 
 def _share_of(allowed: np.ndarray, needed: np.ndarray) -> float:

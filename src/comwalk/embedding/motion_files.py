@@ -10,7 +10,7 @@ import zipfile
 import zlib
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 
@@ -191,17 +191,15 @@ _MOST_BYTES = 2**28
 """
 
 
-def _check_sizes(stream: BinaryIO) -> None:
+def _check_sizes(archive: zipfile.ZipFile) -> None:
     """Refuse an archive that is small but swells, by its headers alone."""
-    with zipfile.ZipFile(stream) as archive:
-        for entry in archive.infolist():
-            name = entry.filename.removesuffix(".npy")
-            if name in _NPZ_KEYS and entry.file_size > _MOST_BYTES:
-                raise MotionError(
-                    f'array "{name}" unpacks to {entry.file_size / 2**20:.0f} MB, at '
-                    f"most {_MOST_BYTES / 2**20:.0f} MB are read; cut the clip shorter"
-                )
-    stream.seek(0)
+    for entry in archive.infolist():
+        name = entry.filename.removesuffix(".npy")
+        if name in _NPZ_KEYS and entry.file_size > _MOST_BYTES:
+            raise MotionError(
+                f'array "{name}" unpacks to {entry.file_size / 2**20:.0f} MB, at '
+                f"most {_MOST_BYTES / 2**20:.0f} MB are read; cut the clip shorter"
+            )
 
 
 def _npz_arrays(file: Path) -> dict[str, np.ndarray]:
@@ -209,8 +207,8 @@ def _npz_arrays(file: Path) -> dict[str, np.ndarray]:
     with file.open("rb") as stream:
         key = ""
         try:
-            _check_sizes(stream)
             with np.load(stream, allow_pickle=False) as archive:
+                _check_sizes(archive.zip)
                 arrays = dict.fromkeys(archive.files, np.empty(0))
                 for key in (k for k in _NPZ_KEYS if k in arrays):
                     arrays[key] = np.asarray(archive[key])

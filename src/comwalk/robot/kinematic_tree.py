@@ -90,10 +90,9 @@ class Skeleton:
         return alike[-1] if alike else leg[0]
 
     def lacks(self, leg: Sequence[int]) -> str:
-        """Return what a leg lacks of the six joints that walking needs, and why.
+        """Return what a leg lacks of the six joints that walking needs.
 
-        A leg turns its foot about three axes of the hip, one of the knee and two of the
-        ankle; the pitch of the hip may be the yaw's, at any angle between.
+        They are three of the hip, one of the knee and two of the ankle.
 
         Args:
             leg: Its joints, base first.
@@ -117,13 +116,10 @@ class Skeleton:
             for kind in needed
             if kind not in there
         ]
-        told = f"{len(leg)} joints; "
+        count, be = f"{len(leg)} joints", "is" if len(missing) == 1 else "are"
         if not missing or len(leg) > 6:
-            return f"{told}walking needs legs of six"
-        return (
-            told
-            + f"{' and '.join(missing)} {'is' if len(missing) == 1 else 'are'} missing"
-        )
+            return f"{count}; walking needs legs of six"
+        return f"{count}; {' and '.join(missing)} {be} missing"
 
     def leg_length(self, leg: Sequence[int]) -> float:
         """Return the length of a stretched leg, hip to knee to ankle [m]."""

@@ -251,14 +251,12 @@ class _Seeker:
         for what, error in zip(_WHAT, np.abs(e).tolist(), strict=True):
             missed[what] = max(error, missed.get(what, 0.0))
         what = max(missed, key=lambda name: missed[name])
+        legs = [j for side in Side for j in self.limbs.legs[side]]
+        places = self.model.jnt_qposadr[legs]
+        q, low, high = self.q[places], self.low[places - 7], self.high[places - 7]
         ends = [
-            f"{self.model.joint(j).name} at {self.q[place]:.3g} rad"
-            for side in Side
-            for j in self.limbs.legs[side]
-            for place in (int(self.model.jnt_qposadr[j]),)
-            if not self.low[place - 7] + 1e-6
-            < self.q[place]
-            < self.high[place - 7] - 1e-6
+            f"{self.model.joint(legs[k]).name} at {q[k]:.3g} rad"
+            for k in np.flatnonzero(np.minimum(q - low, high - q) <= 1e-6).tolist()
         ]
         stuck = f"; at the end of their ranges: {', '.join(ends)}" if ends else ""
         return (

@@ -12,6 +12,7 @@ from collections.abc import Iterator
 import mujoco
 import numpy as np
 
+from .kinematic_tree import Skeleton
 from .loaders import VISUAL_GROUP, compile_without_bad_meshes
 from .model import Robot
 
@@ -28,16 +29,13 @@ def _arm_links(robot: Robot) -> frozenset[str]:
     Where arms just hang, their shapes are convex hulls of meshes or rough boxes, and
     the posture is one that was found: that they meet legs says little.
     """
-    found, m = set(), robot.model
-    for limb in robot.limbs:
-        if limb.name.endswith("_arm") and limb.joints:
-            first = int(m.jnt_bodyid[1 + limb.joints[0]])
-            inside = {first}
-            for body in range(first + 1, m.nbody):
-                if int(m.body_parentid[body]) in inside:
-                    inside.add(body)
-            found |= {m.body(body).name for body in inside}
-    return frozenset(found)
+    look = Skeleton(robot.model, mujoco.MjData(robot.model), robot.name)
+    return frozenset(
+        robot.model.body(body).name
+        for limb in robot.limbs
+        if limb.name.endswith("_arm") and limb.joints
+        for body in look.beyond(look.body_of(1 + limb.joints[0]))
+    )
 
 
 class SelfCollision:

@@ -18,7 +18,7 @@ import numpy as np
 from ..control import Command, Push, Sensors, SimulatorSettings
 from ..errors import ParameterError
 from ..pattern import FootstepPlan
-from ..robot import Robot
+from ..robot import Robot, Skeleton
 from ..sides import Side
 from .mujoco_scene import ankle_readings, build_scene, imu_readings, trunk_body
 from .sensor_model import SensorModel
@@ -342,8 +342,8 @@ _HOLDING, _HOLDING_LAG = 200.0, 0.1  # stiffness in m g h [1/rad], and its dampi
 
 def _bodies_of_feet(robot: Robot, model: mujoco.MjModel) -> np.ndarray:
     """Return the bodies of both feet, and which foot each is of, (n, 2)."""
-    weld, found = model.body_weldid, []
+    look, found = Skeleton(model, mujoco.MjData(model), robot.name), []
     for k, side in enumerate(Side):
         foot = int(model.site_bodyid[robot.feet[side].site])
-        found += [(int(body), k) for body in np.flatnonzero(weld == weld[foot])]
+        found += [(int(body), k) for body in look.welded(foot)]
     return np.array(found)

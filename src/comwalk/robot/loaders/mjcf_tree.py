@@ -12,7 +12,7 @@ from .parts import first_of
 
 _NAMES = {"name", "class", "childclass", "file", "mesh", "material", "joint", "body"}
 _BAD_NUMBER = re.compile(r"(^|\s)[+-]?(nan|inf|infinity)(?=\s|$)", re.I)
-_NAMED = {"geom": "geom", "site": "site", "camera": "camera", "joint": "joint"}
+_NAMED = ("geom", "site", "camera", "joint")
 _REFERENCES = {
     "pair": {"geom1": "geom", "geom2": "geom"},
     "exclude": {"body1": "body", "body2": "body"},
@@ -109,9 +109,9 @@ def _named_by(element: ET.Element) -> Iterator[tuple[str, str]]:
             yield kind, element.attrib[key]
     if element.tag in _REFERENCES:
         return
-    for key, kind in _NAMED.items():
-        if key in element.attrib:
-            yield kind, element.attrib[key]
+    for kind in _NAMED:
+        if kind in element.attrib:
+            yield kind, element.attrib[kind]
     for prefix in ("obj", "ref"):
         kind = element.get(f"{prefix}type", "")
         if f"{prefix}name" in element.attrib and kind:

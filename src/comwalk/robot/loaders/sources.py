@@ -49,8 +49,7 @@ _PACKAGES = {
 _PROFILES = {"paper": "robots/paper.toml"}
 """What known robots walk with, as profiles in this package."""
 
-LFS_POINTER = b"version https://git-lfs"
-"""How a file begins that Git LFS has not fetched."""
+_LFS_POINTER = b"version https://git-lfs"  # how a file begins that was not fetched
 _DECLARATION = re.compile(r"^\s*<\?xml[^>]*\?>")
 _SUFFIXES = (".urdf", ".xml", ".mjcf", ".xacro")
 _FARTHEST, _HEAVIEST = 100.0, 1e4
@@ -230,7 +229,7 @@ def _parse(path: Path, notes: list[str]) -> ET.Element:
 
 def _parsed(text: bytes, notes: list[str]) -> ET.Element:
     """Return the root of a text, repaired if it is not in the encoding it states."""
-    if text.startswith(LFS_POINTER):
+    if text.startswith(_LFS_POINTER):
         raise ModelError("it is a Git LFS pointer, not the file itself: git lfs pull")
     try:
         return ET.fromstring(text)

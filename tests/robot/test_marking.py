@@ -20,6 +20,7 @@ from comwalk.robot.model import load_robot
 from comwalk.robot.servos import LEG_STIFFNESS
 from comwalk.run import simulate
 from comwalk.sides import Side
+from comwalk.views.scene_data import sole_box
 from comwalk.walking.mujoco_plant import SimulatedRobot
 from comwalk.walking.mujoco_scene import build_scene
 from comwalk.walking.whole_body import WholeBody
@@ -421,6 +422,12 @@ def test_what_is_fixed_to_a_foot_is_part_of_it(tmp_path):
     weight = robot.mass * robot.gravity
     assert run.log["loads_true"].sum(axis=1).mean() == pytest.approx(weight, rel=0.01)
     assert np.isfinite(run.log["zmp_true"]).mean() > 0.99
+    data = mujoco.MjData(run.scene)
+    data.qpos[:] = run.log["qpos"][0]
+    mujoco.mj_kinematics(run.scene, data)
+    for side in Side:
+        box = sole_box(run.scene, data, side)
+        assert 2.0 * box.size[:2] == pytest.approx([0.24, 0.1], abs=1e-3)
 
 
 def test_what_a_file_says_of_motors_in_general_is_not_for_our_servos(tmp_path):

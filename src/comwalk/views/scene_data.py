@@ -139,7 +139,9 @@ def sole_box(model: mujoco.MjModel, data: mujoco.MjData, side: Side) -> SoleBox 
     if site < 0:
         return None
     collides = (model.geom_contype | model.geom_conaffinity) > 0
-    geoms = np.flatnonzero(collides & (model.geom_bodyid == model.site_bodyid[site]))
+    weld = model.body_weldid  # what is fixed to the foot is part of it
+    own = weld[model.geom_bodyid] == weld[model.site_bodyid[site]]
+    geoms = np.flatnonzero(collides & own)
     R, origin = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
     points = np.vstack([_corners(model, data, geom) for geom in geoms]) - origin
     low, high = (points @ R).min(axis=0), (points @ R).max(axis=0)

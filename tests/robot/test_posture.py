@@ -122,6 +122,45 @@ def test_weak_legs_are_stretched(tmp_path):
     assert bend(weakest) == pytest.approx(LEAST_BEND, rel=1e-2)
 
 
+def limited(tmp_path, joint: str, **limits: float):
+    """Return a robot of which one joint of each leg has other limits."""
+    joints = {f"{side}_{joint}": limits for side in ("left", "right")}
+    return load_robot(write(tmp_path), profile={"limits": joints})
+
+
+@pytest.mark.parametrize(
+    ("ankle", "least", "most"),
+    [(1.0, BEND, BEND), (0.6, 0.13, 0.15), (0.45, LEAST_BEND, 0.14)],
+)
+def test_ankles_of_little_range_stretch_the_legs(tmp_path, ankle, least, most):
+    """So that a step is free: -0.45 rad at rest, and a step takes some 0.25 more."""
+    robot = limited(tmp_path, "ankle_y", lower=-ankle, upper=ankle)
+    assert least - 1e-3 <= bend(robot) <= most + 1e-3
+    check_standing(robot)
+    assert describe(robot)["gait"]["speed_m_s"] > 0.05
+
+
+def test_weak_hips_lower_the_body(tmp_path):
+    """The force leans from the foot to the CoM, nearer past a low hip."""
+    strong, weak = (limited(tmp_path, "hip_x", torque=x) for x in (70.0, 60.0))
+    assert bend(strong) == pytest.approx(BEND, rel=1e-3)
+    assert bend(weak) > 0.2
+    gait = describe(weak)["gait"]
+    assert gait["fault"] is None
+    assert gait["speed_m_s"] > 0.1
+
+
+def test_hips_of_little_range_take_quick_steps(tmp_path):
+    """A quick step sways less: at 0.09 rad half of the usual time is left."""
+    wide, narrow = (
+        describe(limited(tmp_path, "hip_x", lower=-x, upper=x))["gait"]
+        for x in (0.3, 0.09)
+    )
+    assert narrow["fault"] is None
+    assert narrow["step_time_s"] == pytest.approx(0.5 * wide["step_time_s"], rel=1e-3)
+    assert narrow["speed_m_s"] > 0.5 * wide["speed_m_s"]
+
+
 def test_a_stance_may_be_given(tmp_path):
     """A bend, a CoM height, or the distance of the feet."""
     file = write(tmp_path, effort=1000.0)

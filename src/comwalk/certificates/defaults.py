@@ -166,7 +166,7 @@ def default_gait(
         >>> gait.half_step, gait.period
         (0.1624, 0.4061)
     """
-    natural = _natural_gait(robot)
+    natural = PAPER_GAIT if robot is None else largest_gait(robot)
     wanted = {"half_step": speed, "lateral": side, "turn": turn}
     wanted = {name: v for name, v in wanted.items() if v is not None}
     steps = _steps_at(wanted, natural, changes) if wanted else {}
@@ -357,16 +357,12 @@ def walk_pattern(
     return make_pattern(plan, default_pendulum(robot))
 
 
-def _natural_gait(robot: Robot | None) -> Gait:
-    """Return the gait at the natural speed: the paper's, to scale and in reach."""
-    return PAPER_GAIT if robot is None else largest_gait(robot)
-
-
 @lru_cache(maxsize=32)
 def largest_gait(robot: Robot) -> Gait:
     """Return the fastest gait, up to the similar one, that keeps the limits.
 
-    Steps are made shorter, then narrower or slower too, down to stepping in place.
+    Steps are made shorter, then quicker, narrower, wider or slower too, down to
+    stepping in place.
 
     Args:
         robot: The robot; what its profile says of the gait stays as it is.
@@ -379,35 +375,37 @@ def largest_gait(robot: Robot) -> Gait:
     if "half_step" in stated.values:
         return gait
     least = 0.5 * _least_width(robot)
-    for share, slower, narrower in _TRIALS:
+    for share, time, width in _TRIALS:
         lower = max(share, _LEAST_SWING)
         shorter = replace(
             gait,
             half_step=rounded(share * gait.half_step),
             swing_height=rounded(lower * gait.swing_height),
         )
-        if narrower < 1.0 and gait.half_width > least:
-            width = rounded(max(narrower * gait.half_width, least))
-            shorter = replace(shorter, half_width=width)
-        if slower > 1.0:
-            shorter = replace(
-                shorter,
-                period=rounded(slower * gait.period),
-                transfer_time=rounded(slower * gait.transfer_time),
-            )
+        if width != 1.0 and gait.half_width > least:
+            apart = rounded(max(width * gait.half_width, least))
+            shorter = replace(shorter, half_width=apart)
+        if time != 1.0:
+            times = {k: rounded(time * getattr(gait, k)) for k in _STEP_TIMES}
+            shorter = replace(shorter, **times)
         if _fits(robot, shorter):
             return shorter
     return gait
 
 
 _TRIALS = (
-    *((share, 1.0, 1.0) for share in (1.0, 0.85, 0.7, 0.6, 0.5, 0.4, 0.25)),
+    *((share, 1.0, 1.0) for share in (1.0, 0.85, 0.7, 0.6, 0.5)),
+    *((share, 0.7, 1.0) for share in (0.6, 0.45)),
+    *((share, 1.0, 1.0) for share in (0.4, 0.25)),
     *((share, 1.0, 0.85) for share in (1.0, 0.7, 0.4)),
+    *((share, 0.5, width) for share in (0.35, 0.2) for width in (1.0, 1.2)),
     *((0.4, 1.4, 1.0), (0.4, 1.4, 0.8), (0.2, 1.4, 1.0), (0.2, 2.0, 1.0)),
-    *((0.0, 1.0, 1.0), (0.0, 1.4, 1.0), (0.0, 2.0, 1.0), (0.0, 2.0, 0.8)),
+    *((0.0, time, 1.0) for time in (1.0, 0.7, 0.5, 1.4, 2.0)),
+    (0.0, 2.0, 0.8),
 )
 """Lengths and times of steps, and distances of the feet, that are tried, as shares of
 the similar ones [-]."""
+_STEP_TIMES = "period", "transfer_time"
 _MOST_INERTIA = 2.0  # how much longer turning links may make the pendulum [-]
 _LEAST_SWING = 0.5  # share of the similar clearance that is kept at least
 _NOT_OF_STEPS = ("self-collision", "stiffness")  # shorter steps do not help

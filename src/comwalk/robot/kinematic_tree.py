@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -13,6 +14,8 @@ from .mimic import couple
 
 _KINDS = "roll", "pitch", "yaw"
 """What a joint about x, y or z does."""
+_PITCH = 0.7  # least share of an axis to the left that makes a joint bend the leg
+_KNEE, _HIP = 0.7, -0.35  # from where a leg is sought; ankles as hips [rad]
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,6 +123,15 @@ class Skeleton:
         if not missing or len(leg) > 6:
             return f"{count}; walking needs legs of six"
         return f"{count}; {' and '.join(missing)} {be} missing"
+
+    def bent(self, leg: Sequence[int]) -> list[tuple[int, float]]:
+        """Return joints and angles [rad] of knee, hip and ankle that bend a leg."""
+        sides = self.axes(leg)[:, 1].tolist()
+        knee = self.middle(leg, self.anchors(leg)[-1])
+        pitch = [i for i, y in enumerate(sides) if abs(y) > _PITCH]
+        hip, ankle = [i for i in pitch if i < knee][-1:], [i for i in pitch if i > knee]
+        turned = (knee, _KNEE), *((i, _HIP) for i in (*hip, *ankle[:1]))
+        return [(leg[i], math.copysign(1.0, sides[i]) * x) for i, x in turned]
 
     def leg_length(self, leg: Sequence[int]) -> float:
         """Return the length of a stretched leg, hip to knee to ankle [m]."""

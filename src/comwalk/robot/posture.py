@@ -2,8 +2,9 @@
 
 The legs are bent until they are as far from their singular posture, by the smallest
 singular value of their Jacobians, as those of the paper's robot; soles level and
-parallel, the trunk upright, the CoM over the middle of the soles. The arms hang a
-little away from the body, with bent elbows.
+parallel, the trunk upright, the CoM over the middle of the soles. They are bent less
+or more where a step of the paper's gait, to scale, would need angles or torques that
+the joints do not have. The arms hang a little away from the body, with bent elbows.
 """
 
 from __future__ import annotations
@@ -27,19 +28,23 @@ BEND = 0.18
 units of the leg's length; that of the paper's robot."""
 
 LEAST_BEND = 0.12
-"""The least that it may be where joints are too weak for more."""
+"""The least that it may be where joints are too weak, or turn too little, for more."""
 
 LEAST_GAP = 0.033
 """Smallest distance between the soles of a standing robot, in leg lengths [-]."""
 
-_EFFORT = 2.0 / 3.0  # share of the leg's torques that standing on one foot may take
+_BENDS = *np.linspace(BEND, LEAST_BEND, 7).tolist(), 0.2, 0.22, 0.24  # in this order
+_EFFORT = 0.7  # share of the leg's torques that a force straight up may take
+_SWAYING = 0.95  # the same of a force to the CoM, as far out as the gait sways
+_AHEAD, _BEHIND, _LIFT = 0.1456, 0.2, 0.022  # where soles go to, in CoM heights
+_SWAY = 0.706  # how far the CoM goes to the foot: 1 - 1 / cosh(omega_n T / 2)
+_STRIDES = 1.0, 0.85, 0.7, 0.5, 0.25, 0.0  # shares of the stride that are tried
+_STRAIGHT = 0.11  # smallest singular value of a leg at the end of a stride [rad]
 _HEIGHTS = 0.98, 0.5, 49  # hips over ankles, in leg lengths: from, to, how many
 _HALVINGS = 14  # of the last step between two heights
 _MARGIN = 0.05, 0.2  # kept to joint limits: at most [rad], and as a share of the range
 _UPPER_ARM, _FOREARM = (0.05, 0.4, -1.0), (0.45, 0.1, -1.0)  # x, outwards, z
 _TWISTS = (0.0, 0.3, -0.3)  # from where an arm is sought [rad]
-_KNEE, _HIP = 0.7, -0.35  # from where a leg is sought [rad]
-_PITCH = 0.7  # least share of an axis to the left that makes a joint bend the leg
 _CLOSE = 1e-4  # error of a posture that stands [rad, leg lengths]
 _WHAT = (
     *["the place of the left sole"] * 3,
@@ -85,9 +90,9 @@ def find_posture(
         model: The compiled model, x forward.
         limbs: Its limbs.
         given: Angles that are known [rad], by joint; the others are found.
-        torque: Torque limits of the joints [N m], of shape (joints,); where bent legs
-            would need more than two thirds of them on one foot, the legs are
-            stretched, down to `LEAST_BEND`.
+        torque: Torque limits of the joints [N m], of shape (joints,); where a step
+            would need too much of them, or more than the joints' ranges, the legs are
+            stretched, down to `LEAST_BEND`, or bent more.
         stance: How it is to stand. By default the legs are bent as `BEND`, or as the
             torques allow, and as far apart as in the zero posture, but never so that
             the soles meet.
@@ -107,11 +112,7 @@ def find_posture(
         return seeker.lower_com(stance.com_height)
     if stance.bend is not None or torque is None:
         return seeker.bend_legs(BEND if stance.bend is None else stance.bend)
-    for bend in np.linspace(BEND, LEAST_BEND, 7).tolist():
-        q = seeker.bend_legs(bend)
-        if seeker.effort(torque) <= _EFFORT:
-            break
-    return q
+    return seeker.able_posture(torque)
 
 
 class _Seeker:
@@ -139,11 +140,12 @@ class _Seeker:
         self.length = min(look.leg_length(limbs.legs[s]) for s in Side)
         self.spans = [[look.hip(leg), leg[-1]] for leg in limbs.legs.values()]
         self.half_width = self._spacing() if half_width is None else half_width
+        self.com = np.zeros(2)
+        self.soles = {s: np.array([0.0, s.sign * self.half_width, 0.0]) for s in Side}
         joints = [j for s in Side for j in limbs.legs[s] if j not in self.fixed]
         self.free = np.concatenate([np.arange(6), model.jnt_dofadr[joints]]).astype(int)
 
     def _update(self) -> None:
-        """Compute the kinematics of the present posture."""
         if self.limbs.coupling is not None:
             self.limbs.coupling.follow(self.q[7:])
         self.data.qpos[:] = self.q
@@ -193,6 +195,67 @@ class _Seeker:
         self.q[places] = min(tries, key=lambda found: round(found.cost, 9)).x
 
     # ---- Legs ----
+
+    def able_posture(self, torque: np.ndarray) -> np.ndarray:
+        """Return the posture nearest to `BEND` from which the longest steps are free.
+
+        The one that needs least of the torques [N m], (joints,), if none is free.
+        """
+        tried: dict[float, tuple[np.ndarray, float]] = {}
+        for share in _STRIDES:
+            for bend in _BENDS:
+                if bend not in tried:
+                    tried[bend] = self.bend_legs(bend), round(self._load(torque), 3)
+                q, load = tried[bend]
+                if load <= 1.0 and self._strides(self._settled(q), share):
+                    return q
+        return self._settled(min(tried.values(), key=lambda found: found[1])[0])
+
+    def _load(self, torque: np.ndarray) -> float:
+        """Return the share of the usable torques that one foot takes, also swaying."""
+        home, com_height = self.q.copy(), self._com_height()
+        load = max(self._effort(side, torque) for side in Side) / _EFFORT
+        for side in Side:
+            foot = side.sign * self.half_width
+            if self._shifted(self.soles, _SWAY * foot):
+                lean = (_SWAY - 1.0) * foot / com_height
+                load = max(load, self._effort(side, torque, lean) / _SWAYING)
+            self._settled(home)
+        return load
+
+    def _strides(self, home: np.ndarray, share: float) -> bool:
+        """Return whether a share of the paper's stride is free from a posture."""
+        com_height = self._com_height()
+        for side in Side:
+            ahead, behind = self.soles[side].copy(), self.soles[side.other].copy()
+            ahead[0] += share * _AHEAD * com_height
+            behind += com_height * np.array([-share * _BEHIND, 0.0, _LIFT])
+            free = self._shifted({side: ahead, side.other: behind})
+            bent = self._sigma(side)
+            self._settled(home)
+            if not free or bent < _STRAIGHT:
+                return False
+        return True
+
+    def _shifted(self, soles: dict[Side, np.ndarray], com_y: float = 0.0) -> bool:
+        """Move soles and CoM to other places [m], and return whether that is possible.
+
+        The hips stay at their height; joints may go to the ends of their ranges.
+        """
+        kept = self.low, self.high, self.soles
+        self.low, self.high = _ranges(self.model, self.limbs.coupling, margin=0.0)
+        self.soles, self.com[1] = soles, com_y
+        lifted = 0.5 * sum(float(place[2]) for place in soles.values())
+        found = self._stand(self._hips() - lifted)
+        self.low, self.high, self.soles = kept
+        self.com[1] = 0.0
+        return found is not None
+
+    def _hips(self) -> float:
+        """Return the mean height of the hips over the ankles [m]."""
+        return float(
+            np.mean([np.subtract(*self.data.xanchor[s, 2]) for s in self.spans])
+        )
 
     def bend_legs(self, bend: float) -> np.ndarray:
         """Lower the body until the legs are far enough from being straight."""
@@ -254,10 +317,8 @@ class _Seeker:
         legs = [j for side in Side for j in self.limbs.legs[side]]
         places = self.model.jnt_qposadr[legs]
         q, low, high = self.q[places], self.low[places - 7], self.high[places - 7]
-        ends = [
-            f"{self.model.joint(legs[k]).name} at {q[k]:.3g} rad"
-            for k in np.flatnonzero(np.minimum(q - low, high - q) <= 1e-6).tolist()
-        ]
+        at_end = np.flatnonzero(np.minimum(q - low, high - q) <= 1e-6).tolist()
+        ends = [f"{self.model.joint(legs[k]).name} at {q[k]:.3g} rad" for k in at_end]
         stuck = f"; at the end of their ranges: {', '.join(ends)}" if ends else ""
         return (
             f"it cannot stand on bent legs: {what} misses by {missed[what]:.2g} rad or "
@@ -289,35 +350,27 @@ class _Seeker:
         for _ in range(20):
             self._update()
             J, e = self._rows(0.0)
-            rows = J[:12, :6]
-            self._move(np.arange(6), np.linalg.lstsq(rows, e[:12], rcond=None)[0])
+            self._move(np.arange(6), np.linalg.lstsq(J[:12, :6], e[:12])[0])
         self._update()
         height = min(self.data.site_xpos[self.limbs.soles[s]][2] for s in Side)
         self.q[2] -= float(height)
         return self._settled(self.q)
 
-    def effort(self, torque: np.ndarray) -> float:
-        """Return the largest share of a leg's torques that standing on one foot takes.
+    def _effort(self, side: Side, torque: np.ndarray, lean: float = 0.0) -> float:
+        """Return the largest share of a leg's torques that standing on it takes.
 
-        Args:
-            torque: Torque limits [N m], of shape (joints,).
-
-        Returns:
-            The share; the force is that of the whole weight through the sole's centre.
+        The force acts on the sole's centre and leans to the left by `lean` [-].
         """
         m, d = self.model, self.data
         weight = float(m.body_subtreemass[m.jnt_bodyid[0]]) * abs(m.opt.gravity[2])
         mujoco.mj_forward(m, d)
-        shares = [0.0]
-        for side in Side:
-            J = np.zeros((3, m.nv))
-            mujoco.mj_jacSite(m, d, J, None, self.limbs.soles[side])
-            needed = d.qfrc_bias - weight * J[2]
-            if self.limbs.coupling is not None:
-                self.limbs.coupling.fold(needed)
-            columns = m.jnt_dofadr[list(self.limbs.legs[side])]
-            shares.append(float((np.abs(needed)[columns] / torque[columns - 6]).max()))
-        return max(shares)
+        J = np.zeros((3, m.nv))
+        mujoco.mj_jacSite(m, d, J, None, self.limbs.soles[side])
+        needed = d.qfrc_bias - weight * (J[2] + lean * J[1])
+        if self.limbs.coupling is not None:
+            self.limbs.coupling.fold(needed)
+        columns = m.jnt_dofadr[list(self.limbs.legs[side])]
+        return float((np.abs(needed)[columns] / torque[columns - 6]).max())
 
     def _pre_bend(self) -> None:
         """Bend the knees the way that they bend, and hip and ankle against them.
@@ -326,20 +379,14 @@ class _Seeker:
         """
         look = Skeleton(self.model, self.data, "")
         for side in Side:
-            joints = list(self.limbs.legs[side])
-            k = look.middle(joints, self.data.xanchor[joints[-1]])
-            pitch = [
-                i for i, y in enumerate(look.axes(joints)[:, 1]) if abs(y) > _PITCH
-            ]
-            bent = [(k, _KNEE), *((i, _HIP) for i in pitch[::-1] if i < k)][:2]
-            bent += [(i, _HIP) for i in pitch if i > k][:1]
-            free = [(joints[i], x) for i, x in bent if joints[i] not in self.fixed]
+            bent = look.bent(self.limbs.legs[side])
+            free = [(j, angle) for j, angle in bent if j not in self.fixed]
             if not free:
                 continue
             turned, angles = zip(*free, strict=True)
             places = self.model.jnt_qposadr[list(turned)]
             low, high = self.low[places - 7], self.high[places - 7]
-            ours = np.copysign(1.0, look.axes(turned)[:, 1]) * angles
+            ours = np.array(angles)
             ways = {way: np.clip(way * ours, low, high) for way in (1.0, -1.0)}
             missed = {way: np.abs(q - way * ours).sum() for way, q in ways.items()}
             self.q[places] = ways[-1.0 if missed[-1.0] < missed[1.0] - 1e-9 else 1.0]
@@ -371,9 +418,8 @@ class _Seeker:
             if np.abs(step).max() < 1e-9:
                 break
         self._update()
-        _, e = self._rows(hip)
-        strong = len(self.free) == 6 + 12
-        missed = float(np.abs(e if strong else e[_WEAK_ROWS]).max())
+        e = np.abs(self._rows(hip)[1])
+        missed = float((e if len(self.free) == 6 + 12 else e[_WEAK_ROWS]).max())
         if missed < self.nearest[0]:
             self.nearest = missed, self.q.copy()
         return self.q.copy() if missed < _CLOSE else None
@@ -401,7 +447,6 @@ class _Seeker:
         return step * min(1.0, 0.3 / max(np.abs(step[6:]).max(initial=0.0), 1e-12))
 
     def _move(self, columns: np.ndarray, step: np.ndarray) -> None:
-        """Move some coordinates by a step, joints within their ranges."""
         v = np.zeros(self.model.nv)
         v[columns] = step
         mujoco.mj_integratePos(self.model, self.q, v, 1.0)
@@ -420,18 +465,16 @@ class _Seeker:
         for k, side in enumerate(Side):
             rows, site = slice(6 * k, 6 * k + 6), self.limbs.soles[side]
             J[rows] = self._jacobian(site)
-            place = np.array([0.0, side.sign * self.half_width, 0.0])
-            e[rows][:3] = place - d.site_xpos[site]
+            e[rows][:3] = self.soles[side] - d.site_xpos[site]
             e[rows][3:] = level_error(0.0, d.site_xmat[site].reshape(3, 3))
         J_com = np.zeros((3, m.nv))
         mujoco.mj_jacSubtreeCom(m, d, J_com, root)
         if self.limbs.coupling is not None:
             self.limbs.coupling.fold(J_com)
-        J[12:14], e[12:14] = J_com[:2], -d.subtree_com[root][:2]
+        J[12:14], e[12:14] = J_com[:2], self.com - d.subtree_com[root][:2]
         R = d.xmat[root].reshape(3, 3)
         J[14:17, 3:6], e[14:17] = R, level_error(0.0, R)
-        heights = [top - low for top, low in (d.xanchor[s, 2] for s in self.spans)]
-        J[17, 2], e[17] = 1.0, hip - float(np.mean(heights))
+        J[17, 2], e[17] = 1.0, hip - self._hips()
         for rows in (slice(0, 3), slice(6, 9), slice(12, 14), slice(17, 18)):
             J[rows] /= self.length
             e[rows] /= self.length
@@ -439,7 +482,7 @@ class _Seeker:
 
 
 def _ranges(
-    model: mujoco.MjModel, coupling: Coupling | None
+    model: mujoco.MjModel, coupling: Coupling | None, margin: float = _MARGIN[0]
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return the angles that a posture may have [rad]: joint limits, with a margin."""
     low, high = model.jnt_range[1:].T.copy()
@@ -447,8 +490,8 @@ def _ranges(
     low[free], high[free] = -math.inf, math.inf
     if coupling is not None:
         low, high, _ = coupling.limits(low, high, np.full(len(low), math.inf))
-    margin = np.minimum(_MARGIN[0], _MARGIN[1] * (high - low))
-    return low + margin, high - margin
+    kept = np.minimum(margin, _MARGIN[1] * (high - low))
+    return low + kept, high - kept
 
 
 def _unit(v: np.ndarray) -> np.ndarray:

@@ -11,8 +11,9 @@ import numpy as np
 import pytest
 from robots import jvrc, paper
 
-from comwalk.certificates.defaults import default_pendulum, sway_inertia
+from comwalk.certificates.defaults import default_pendulum
 from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum, zmp_of_motion
+from comwalk.robot.dynamics import sway_inertia
 from comwalk.robot.model import Robot
 from comwalk.sides import Side
 

@@ -17,7 +17,6 @@ from typing import Any
 import numpy as np
 
 from ..control import PAPER_GAINS, Control, ControlSettings, Gains
-from ..embedding import CartesianMotion, JointMotion, Posture, Resolver, Task
 from ..errors import ComwalkError, ModelError, ParameterError, PlanError, checked_number
 from ..pattern import (
     PAPER_GAIT,
@@ -28,9 +27,8 @@ from ..pattern import (
     make_pattern,
     plan_steps,
 )
-from ..robot import LEGS, Kinematics, Robot
+from ..robot import Robot, sway_inertia
 from ..settings import Given
-from ..sides import Side
 from .certificate import SoleRoom
 from .gain_check import sampled_loop_of, servo_lag_of
 from .gain_design import Design, DesignGoal, design, rounded
@@ -88,45 +86,6 @@ def default_pendulum(robot: Robot) -> Pendulum:
         inertia=round(inertia, 3),
     )
     return robot.profile.pendulum.over(natural)
-
-
-def sway_inertia(robot: Robot) -> float:
-    r"""Return the angular momentum that comes with a sway of the body, as a share.
-
-    On two feet, the trunk upright, the legs turn as the CoM moves. The ZMP of such a
-    motion is
-
-    .. math:: p = c - \frac{c_z}{g} (1 + \kappa) \ddot c, \quad
-        \kappa = \frac{|L|}{m c_z |\dot c|}
-
-    so that the robot is a longer pendulum than its CoM alone, Eqs. (1), (2).
-
-    Args:
-        robot: The robot.
-
-    Returns:
-        kappa [-], the mean of a forward and a sideways sway.
-    """
-    kinematics = Kinematics(robot)
-    posture = kinematics.posture(robot.home)
-    shares = []
-    for velocity, axis, sign in (((1.0, 0.0, 0.0), 1, 1.0), ((0.0, 1.0, 0.0), 0, -1.0)):
-        sway = _sway(robot, posture, np.array(velocity))
-        L = kinematics.angular_momentum(sway)
-        shares.append(sign * L[axis] / (robot.mass * robot.com_height))
-    return float(np.mean(shares))
-
-
-def _sway(robot: Robot, posture: Posture, com_velocity: np.ndarray) -> np.ndarray:
-    """Return v = [xdot_o; qdot] that moves the CoM over standing feet."""
-    still: dict[str, CartesianMotion | JointMotion] = {
-        limb.name: JointMotion(np.zeros(len(limb.joints))) for limb in robot.limbs
-    }
-    base = LEGS[Side.LEFT]
-    del still[base]
-    still[LEGS[Side.RIGHT]] = CartesianMotion(np.zeros(6))
-    task = Task(com_velocity, base, np.zeros(6), np.zeros(3), still)
-    return Resolver(robot.limbs, robot.damping).resolve(posture, task).velocity
 
 
 def default_gait(

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from .compiled_solver import FastResolver as FastResolver
     from .compiled_solver import can_resolve as can_resolve
     from .dynamics import InverseDynamics as InverseDynamics
+    from .dynamics import sway_inertia as sway_inertia
     from .kinematic_tree import Skeleton as Skeleton
     from .kinematics import Kinematics as Kinematics
     from .kinematics import carried as carried

@@ -13,9 +13,11 @@ from typing import NamedTuple
 import mujoco
 import numpy as np
 
+from ..embedding import CartesianMotion, JointMotion, Posture, Resolver, Task
 from ..pattern import share_between
 from ..sides import Side
-from .model import Robot
+from .kinematics import Kinematics
+from .model import LEGS, Robot
 
 
 class Load(NamedTuple):
@@ -117,3 +119,42 @@ class InverseDynamics:
     def _soles(self) -> np.ndarray:
         """Middles of the soles [m], world, of shape (2, 3)."""
         return self._data.site_xpos[self._sites]
+
+
+def sway_inertia(robot: Robot) -> float:
+    r"""Return the angular momentum that comes with a sway of the body, as a share.
+
+    On two feet, the trunk upright, the legs turn as the CoM moves. The ZMP of such a
+    motion is
+
+    .. math:: p = c - \frac{c_z}{g} (1 + \kappa) \ddot c, \quad
+        \kappa = \frac{|L|}{m c_z |\dot c|}
+
+    so that the robot is a longer pendulum than its CoM alone, Eqs. (1), (2).
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        kappa [-], the mean of a forward and a sideways sway.
+    """
+    kinematics = Kinematics(robot)
+    posture = kinematics.posture(robot.home)
+    shares = []
+    for velocity, axis, sign in (((1.0, 0.0, 0.0), 1, 1.0), ((0.0, 1.0, 0.0), 0, -1.0)):
+        sway = _sway(robot, posture, np.array(velocity))
+        L = kinematics.angular_momentum(sway)
+        shares.append(sign * L[axis] / (robot.mass * robot.com_height))
+    return float(np.mean(shares))
+
+
+def _sway(robot: Robot, posture: Posture, com_velocity: np.ndarray) -> np.ndarray:
+    """Return v = [xdot_o; qdot] that moves the CoM over standing feet."""
+    still: dict[str, CartesianMotion | JointMotion] = {
+        limb.name: JointMotion(np.zeros(len(limb.joints))) for limb in robot.limbs
+    }
+    base = LEGS[Side.LEFT]
+    del still[base]
+    still[LEGS[Side.RIGHT]] = CartesianMotion(np.zeros(6))
+    task = Task(com_velocity, base, np.zeros(6), np.zeros(3), still)
+    return Resolver(robot.limbs, robot.damping).resolve(posture, task).velocity

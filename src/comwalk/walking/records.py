@@ -19,7 +19,7 @@ from ..control import (
     low_pass_coefficient,
 )
 from ..embedding import DANCE, EmbeddedMotion, rotate_twist
-from ..robot import Foot, Kinematics, Robot
+from ..robot import Foot, Kinematics, Robot, sway_inertia
 from ..sides import Side
 
 BY_TORQUES, NOT_FELT = (GROUND_SENSORS.index(word) for word in ("torque", "none"))
@@ -58,6 +58,7 @@ RULES = np.dtype(
         ("rate_share", "f8"),  # coefficient of the filter on joint rates [-]
         ("com_servo", "f8"),  # k_v [1/s]
         ("bandwidth", "f8"),  # of accelerations that hold postures [rad/s]
+        ("sway", "f8"),  # how much longer the legs make the pendulum [-]
         ("grip", "f8"),  # friction of the soles that is counted on [-]
     ],
     align=True,
@@ -105,6 +106,7 @@ STATE = np.dtype(
         ("pressed", "f8", 2),  # loads of the feet, low-passed, over the weight [-]
         ("landed", "i8", 2),  # which feet are on the ground
         ("share", "f8"),  # of the left foot, as asked [-]
+        ("stray", "f8", 2),  # ZMP of all links less that of the CoM and the legs [m]
         ("shifted", "f8"),  # by how much the ZMP asked for was moved into the sole [m]
         ("slid", "f8"),  # force beyond the friction [N]
         ("weak", "i8"),  # joints at their torque limits
@@ -192,6 +194,7 @@ def rules_of(robot: Robot, period: float, settings: BodySettings) -> np.ndarray:
     r["tilt_share"] = low_pass_coefficient(settings.tilt_cutoff, period)
     r["rate_share"] = low_pass_coefficient(settings.rate_cutoff, period)
     r["grip"], r["com_height"] = settings.grip, robot.com_height
+    r["sway"] = sway_inertia(robot)
     r["observer_share"] = low_pass_coefficient(settings.observer_cutoff, period)
     sensors = settings.sensors
     if sensors == "auto":

@@ -5,11 +5,13 @@ the CoM follow the law,
 
 .. math::
     \ddot c^* = \ddot c_d + k_v (u - \dot c), \quad
-    p^* = c - \frac{c_z}{g + \ddot c_z^*} \ddot c^*
+    p^* = c - (1 + \kappa) \frac{c_z}{g + \ddot c_z^*} \ddot c^* + p_L
 
-with p^* held inside the soles. Trunk, feet and all else get the accelerations that hold
-them on their references. They are resolved by the equations of the velocities, (14) to
-(27), one derivative higher; Newton and Euler give the torques.
+with p^* held inside the soles. kappa is that of `robot.dynamics.sway_inertia`; p_L is
+what the links' turning adds beside it, mostly the swing leg's, low-passed. Trunk, feet
+and all else get the accelerations that hold them on their references. They are resolved
+by the equations of the velocities, (14) to (27), one derivative higher; Newton and Euler
+give the torques.
 """
 
 from __future__ import annotations
@@ -44,6 +46,8 @@ FEELING_TIME = 0.015
 """Time constant of the low-pass on the feet's loads for that [s]."""
 SOLE_SHARE = 0.9
 """Share of the soles that the ZMP asked for may use [-]."""
+STRAYING_TIME = 0.02
+"""Time constant in which the ZMP of the links' turning is followed [s]."""
 
 
 @kernel
@@ -135,15 +139,16 @@ def _want_com(
     W, k_v, c = rules.bandwidth, rules.com_servo, state.com
     lift = W * W * (ref.com[2] - c[2]) - 2.0 * W * state.com_velocity[2]
     lift = min(max(lift, -0.5 * rules.gravity), 0.5 * rules.gravity)
-    arm = c[2] / (rules.gravity + lift)
+    arm, stray = (1.0 + rules.sway) * c[2] / (rules.gravity + lift), state.stray
     a_x = ref.com_acceleration[0] + k_v * (law.u[0] - state.com_velocity[0])
     a_y = ref.com_acceleration[1] + k_v * (law.u[1] - state.com_velocity[1])
     a_x, a_y = a_x - state.drag[0], a_y - state.drag[1]
-    p_x, p_y = c[0] - arm * a_x, c[1] - arm * a_y
+    p_x, p_y = c[0] - arm * a_x + stray[0], c[1] - arm * a_y + stray[1]
     x, y, state.share, _, _ = hold_in_soles(flat, rules, ref, p_x, p_y)
     state.shifted = math.hypot(x - p_x, y - p_y)
     asked = state.com_asked
-    asked[0], asked[1], asked[2] = (c[0] - x) / arm, (c[1] - y) / arm, lift
+    asked[0], asked[1] = (c[0] + stray[0] - x) / arm, (c[1] + stray[1] - y) / arm
+    asked[2] = lift
     for i in range(3):
         wanted.com[i] = asked[i] - state.com_bias[i]
 
@@ -345,12 +350,10 @@ def bear_on_soles(
     # Moments about the point of the ground below the body center, and of the load.
     m_x = ratio * t[3] - (p[2] - ground) * f_y + (s * lean[0] + c * lean[1]) * f_z
     m_y = ratio * t[4] + (p[2] - ground) * f_x - (c * lean[0] - s * lean[1]) * f_z
-    x, y, share, r_x, r_y = hold_in_soles(
-        flat, rules, reference, p[0] - m_y / f_z, p[1] + m_x / f_z
-    )
-    state.shifted = max(
-        state.shifted, math.hypot(x - p[0] + m_y / f_z, y - p[1] - m_x / f_z)
-    )
+    zmp_x, zmp_y = p[0] - m_y / f_z, p[1] + m_x / f_z
+    _follow_stray(rules, state, zmp_x, zmp_y)
+    x, y, share, r_x, r_y = hold_in_soles(flat, rules, reference, zmp_x, zmp_y)
+    state.shifted = max(state.shifted, math.hypot(x - zmp_x, y - zmp_y))
     m_z = ratio * t[5] - (x - p[0]) * f_y + (y - p[1]) * f_x
     slip, most = math.hypot(f_x, f_y), rules.grip * f_z
     state.slid = max(slip - most, 0.0)
@@ -361,6 +364,16 @@ def bear_on_soles(
     wrench = (f_x, f_y, f_z, r_y * f_z, -r_x * f_z, m_z + r_x * f_y - r_y * f_x)
     push_on(flat, 0, wrench, share, joints)
     push_on(flat, 1, wrench, 1.0 - share, joints)
+
+
+@kernel
+def _follow_stray(rules: Record, state: Record, x: float, y: float) -> None:
+    """Low-pass what the links' turning adds to the ZMP besides the legs' swaying."""
+    asked, c, stray = state.com_asked, state.com, state.stray
+    arm = (1.0 + rules.sway) * c[2] / (rules.gravity + asked[2])
+    share = rules.period / (rules.period + STRAYING_TIME)
+    stray[0] += share * (x - c[0] + arm * asked[0] - stray[0])
+    stray[1] += share * (y - c[1] + arm * asked[1] - stray[1])
 
 
 @kernel

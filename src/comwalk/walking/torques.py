@@ -10,8 +10,8 @@ the CoM follow the law,
 with p^* held inside the soles. kappa is that of `robot.dynamics.sway_inertia`; p_L is
 what the links' turning adds beside it, mostly the swing leg's, low-passed. Trunk, feet
 and all else get the accelerations that hold them on their references. They are resolved
-by the equations of the velocities, (14) to (27), one derivative higher; Newton and Euler
-give the torques.
+by the equations of the velocities, (14) to (27), one derivative higher; Newton and
+Euler give the torques.
 """
 
 from __future__ import annotations

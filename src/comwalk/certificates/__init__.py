@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from .description import describe as describe
     from .description import profile_of as profile_of
     from .description import rows_of as rows_of
+    from .doctor import Finding as Finding
+    from .doctor import findings as findings
     from .ensemble import monte_carlo as monte_carlo
     from .gain_check import check_control as check_control
     from .gain_check import sampled_loop_of as sampled_loop_of
@@ -43,7 +45,6 @@ if TYPE_CHECKING:
     from .plan_check import check_feasible as check_feasible
     from .plan_check import feasibility as feasibility
     from .plan_check import nearest_plans as nearest_plans
-    from .published_gains import PUBLISHED as PUBLISHED
     from .reach import check_friction as check_friction
     from .reach import friction_fault as friction_fault
     from .reach import stance_ratio as stance_ratio

@@ -330,7 +330,7 @@ def largest_gait(robot: Robot) -> Gait:
         The gait; the similar one if not even stepping in place fits.
     """
     stated = robot.profile.gait
-    gait = stated.over(_similar_gait(robot))
+    gait = stated.over(similar_gait(robot))
     if "half_step" in stated.values:
         return gait
     least = 0.5 * _least_width(robot)
@@ -388,8 +388,15 @@ def _least_width(robot: Robot) -> float:
     return robot.sole_size[1] + SOLE_GAP * r
 
 
-def _similar_gait(robot: Robot) -> Gait:
-    """Return the paper's gait scaled to a robot."""
+def similar_gait(robot: Robot) -> Gait:
+    """Return the paper's gait, to the scale of a robot.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        The gait; nothing is checked.
+    """
     r = round(robot.com_height, 3) / PAPER_PENDULUM.height
     times = ("period", "transfer_time", "start_time", "stop_time")
     lengths = ("half_step", "swing_height")

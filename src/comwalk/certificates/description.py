@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
+from dataclasses import asdict
 from typing import Any
 
 import numpy as np
 
 from ..embedding import sigma_min
-from ..errors import ComwalkError
 from ..robot import (
     LEGS,
     Kinematics,
@@ -23,8 +23,8 @@ from ..robot import (
 )
 from ..robot.loaders import first_of
 from ..sides import Side
-from .defaults import default_gait, default_pendulum, walk_pattern
-from .plan_check import feasibility
+from .defaults import default_gait, default_pendulum
+from .doctor import Finding, default_walk, findings
 
 
 def profile_of(robot: Robot) -> Profile:
@@ -100,9 +100,10 @@ def describe(robot: Robot) -> dict[str, Any]:
         robot: The robot.
 
     Returns:
-        Numbers, names of joints by part, soles, servos, limits, gait and notes.
+        Numbers, names of joints by part, soles, servos, limits, gait, notes, and
+        findings, worst first.
     """
-    anatomy = robot.anatomy
+    anatomy, walk = robot.anatomy, default_walk(robot)
     parts = {f"{side}_leg": list(anatomy.legs[side]) for side in Side}
     parts |= {f"{side}_arm": list(joints) for side, joints in anatomy.arms.items()}
     parts |= {"torso": list(anatomy.torso), "head": list(anatomy.head)}
@@ -126,7 +127,8 @@ def describe(robot: Robot) -> dict[str, Any]:
         "servos": _servos(robot),
         "missing_limits": _missing(robot),
         "roles": {role: joint for role, (joint, _) in robot.roles.items()},
-        "gait": _gait(robot),
+        "gait": _gait(robot, walk[1]),
+        "findings": [asdict(finding) for finding in findings(robot, walk)],
         "notes": list(robot.notes),
     }
 
@@ -161,14 +163,9 @@ def _missing(robot: Robot) -> dict[str, list[str]]:
     return {what: names[np.isinf(x)].tolist() for what, x in columns.items()}
 
 
-def _gait(robot: Robot) -> dict[str, Any]:
+def _gait(robot: Robot, fault: str | None) -> dict[str, Any]:
     """Return the gait that the robot walks with unless told otherwise, or why not."""
-    gait, fault = default_gait(robot), None
-    try:
-        result = feasibility(robot, walk_pattern(robot, 4))
-        fault = None if result.ok else str(result.worst)
-    except ComwalkError as error:
-        fault = str(error)
+    gait = default_gait(robot)
     return {
         "fault": fault,
         "speed_m_s": _digits(gait.speed),
@@ -245,7 +242,7 @@ def rows_of(facts: Mapping[str, Any]) -> list[tuple[str, str]]:
             else f"no gait fits, not even in place; of the usual one, {gait['fault']}",
         )
     )
-    rows += [("note", note) for note in facts["notes"]]
+    rows += [(found["level"], str(Finding(**found))) for found in facts["findings"]]
     return [(name, text) for name, text in rows if text]
 
 

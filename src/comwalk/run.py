@@ -52,6 +52,7 @@ from .runs import (
     Recorder,
     RunData,
     clear_folder,
+    judged,
     prepare_folder,
     save_columns,
     summarize,
@@ -402,6 +403,8 @@ def _walked(
             watch=watch,
             link=link,
         )
+        if isinstance(plant, SimulatedRobot):
+            outcome = judged(outcome, log, pattern, plant.robot)
         recorder.outcome = str(outcome)
     return Run(
         outcome=outcome,

@@ -73,7 +73,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         argv: Words after the name of the program; those of the process if None.
 
     Returns:
-        The exit code: 0 completed, 1 fell or aborted, 2 bad input, 130 interrupted.
+        The exit code: 0 completed, 1 not, 2 bad input, 130 interrupted.
     """
     words = list(sys.argv[1:] if argv is None else argv)
     if threading.current_thread() is threading.main_thread():

@@ -84,7 +84,8 @@ def walk(
 ) -> int:
     """Walk in physics: with no arguments the paper's gait, 20 steps.
 
-    Exit code 0 if the walk was completed, 1 if the robot fell or was stopped.
+    Exit code 0 if the walk was completed, 1 if the robot fell, ended beside its plan,
+    or was stopped.
     """
     page = Address(host, port, open)
     if not (view or page == Address()):

@@ -17,6 +17,7 @@ class End(StrEnum):
     """How a run can end."""
 
     COMPLETED = "completed"
+    ASTRAY = "astray"
     FELL = "fell"
     ABORTED = "aborted"
 
@@ -26,7 +27,7 @@ class Outcome:
     """How, when and why a run ended."""
 
     end: End
-    """Completed, fell or aborted."""
+    """Completed, beside the plan, fell or aborted."""
     time: float
     """When [s]."""
     phase: Phase

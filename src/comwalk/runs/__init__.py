@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from .run_data import load_run as load_run
     from .run_data import read_columns as read_columns
     from .run_data import read_summary as read_summary
+    from .summary import judged as judged
     from .summary import outcome_text as outcome_text
     from .summary import summarize as summarize
     from .summary import versions as versions

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import platform
 from collections.abc import Mapping
+from dataclasses import replace
 from importlib import metadata
 from typing import Any
 
@@ -73,6 +74,45 @@ def summarize(
     return figures if robot is None else figures | _robot_figures(log, robot)
 
 
+def judged(outcome: Outcome, log: Log, pattern: Pattern, robot: Robot) -> Outcome:
+    """Return the outcome of a walk by where it ended, and on what.
+
+    Args:
+        outcome: How the loop ended.
+        log: The record, with what is true.
+        pattern: What was to be walked.
+        robot: The robot.
+
+    Returns:
+        `End.ASTRAY` in place of a completed walk that ended farther from its plan than
+        a sole is long, or turned by more than 0.3 rad, or whose centre of pressure was
+        outside the sole for more than a twentieth of the time: the sole is not as
+        comwalk takes it. Any other outcome is as it was.
+    """
+    if not outcome.ok or not pattern.plan.steps:
+        return outcome
+    away = math.dist(log["com_true"][-1, :2], log["com_ref"][-1, :2])
+    turn = _turn_error(log)
+    cause = ""
+    if away > robot.sole_size[0] or abs(turn) > _MOST_TURN:
+        degrees = math.degrees(abs(turn))
+        cause = f"it ended {away:.2f} m and {degrees:.0f} deg beside its plan"
+    margins = sole_margins(log, robot)
+    if len(margins) and (least := float(np.percentile(margins, 5))) < 0.0:
+        outside = f"{-1e3 * least:.0f} mm or more outside the sole"
+        cause = f"the centre of pressure was {outside} in 5 % of the time"
+    return replace(outcome, end=End.ASTRAY, cause=cause) if cause else outcome
+
+
+_MOST_TURN = 0.3  # between plan and robot at the end [rad]
+
+
+def _turn_error(log: Log) -> float:
+    """Return by how much the base is turned against its reference at the end [rad]."""
+    turn = yaw_of_quaternion(log["qpos"][-1, 3:7]) - log["heading_ref"][-1]
+    return math.remainder(turn, math.tau)
+
+
 def outcome_text(summary: Mapping[str, Any]) -> str:
     """Return the outcome of a run as text, as `Outcome` has it.
 
@@ -122,12 +162,11 @@ def _robot_figures(log: Log, robot: Robot) -> dict[str, Any]:
     """Return the figures that only a robot with soles and joints has."""
     margins = 1e3 * sole_margins(log, robot)
     margins = margins if len(margins) else np.array([np.nan])
-    turn = yaw_of_quaternion(log["qpos"][-1, 3:7]) - log["heading_ref"][-1]
     speed = np.abs(log["qvel"][:, 6:]) / robot.speed
     torque = np.abs(log["torques_true"]) / robot.torque
     saturated = (torque >= 0.999).any(axis=1)
     return {
-        "heading_error_deg": math.degrees(math.remainder(turn, math.tau)),
+        "heading_error_deg": math.degrees(_turn_error(log)),
         "sole_margin_min_mm": _finite(margins.min()),
         "sole_margin_p5_mm": _finite(np.percentile(margins, 5)),
         "trunk_tilt_max_deg": float(np.degrees(log["tilt"].max())),

@@ -709,3 +709,19 @@ def test_attributes_of_an_older_mujoco_are_left_out(tmp_path):
     assert any("<flag sensornoise> is unknown to this MuJoCo" in x for x in file.notes)
     with pytest.raises(ModelError, match="not a readable MJCF"):
         read(tmp_path, MJCF.format(free=FREE, more="<nothing/>"), "robot.xml")
+
+
+def test_options_of_the_simulation_are_left_out(tmp_path):
+    """Files for a GPU have a coarse solver, on which the robot would not even stand."""
+    more = (
+        '<option iterations="5" ls_iterations="8" cone="pyramidal" timestep="0.004" '
+        'gravity="0 0 -1.62" density="1000"><flag contact="disable"/></option>'
+    )
+    file = read(tmp_path, MJCF.format(free=FREE, more=more), "robot.xml")
+    option, usual = file.spec.option, mujoco.MjSpec().option
+    assert option.iterations == usual.iterations
+    assert option.ls_iterations == usual.ls_iterations
+    assert option.disableflags == usual.disableflags
+    assert option.density == 0.0
+    assert option.gravity[2] == -1.62
+    assert any("density" in x and "left out" in x for x in file.notes)

@@ -14,6 +14,7 @@ from robots import paper
 
 import comwalk
 from comwalk.certificates import sampled_loop_of, servo_lag_of, stance_ratio
+from comwalk.certificates.reach import LEAST_STANCE
 from comwalk.config import WalkConfig
 from comwalk.control import (
     Actuation,
@@ -26,7 +27,7 @@ from comwalk.control import (
 from comwalk.errors import ModelError, ParameterError, PlanError
 from comwalk.replay import replay
 from comwalk.robot.model import load_robot
-from comwalk.robot.servos import MOST_FRICTION, PD_STIFFNESS
+from comwalk.robot.servos import MOST_FRICTION, PD_STIFFNESS, SOFTEST
 from comwalk.run import prepare
 from comwalk.setup import build_walk
 from comwalk.walking import SimulatedRobot, WholeBody
@@ -200,6 +201,20 @@ def test_friction_that_tips_the_robot_is_refused_before_it_moves():
     assert dataclasses.replace(beyond, control=known).certificate().stable
     stiff = build_walk(WalkConfig(robot="paper", simulator=rubbing(8.0)))
     assert stiff.certificate().stable
+
+
+def test_soft_servos_that_rub_are_replaced_by_stiff_ones(file_with):
+    """Their friction stops torques, and they do not hold the body by position."""
+    file = file_with(75.0)
+    text = file.read_text(encoding="utf-8")
+    file.write_text(re.sub("<joint ", '<joint frictionloss="60" ', text))
+    robot = load_robot(file)
+    assert robot.actuation is Actuation.POSITION
+    legs = [j for limb in robot.limbs[:2] for j in limb.joints]
+    weight = robot.mass * robot.gravity * robot.com_height
+    assert robot.servo.stiffness[legs].min() > SOFTEST * weight
+    assert stance_ratio(robot) > LEAST_STANCE
+    assert load_robot(file, actuation="position").servo.stiffness[legs].max() == 75.0
 
 
 def test_a_file_with_much_friction_takes_positions(tmp_path):

@@ -122,6 +122,8 @@ _SOLE = "a sole of usual proportions is assumed"
 
 
 def _text(demand: Demand) -> str:
+    if demand.what not in _CHANGES:
+        return f"the default gait: {demand}"
     used, there = f"{demand.demanded:.3g}", f"{demand.limit:.3g} {demand.unit}"
     return f"the default gait needs a {demand.what} of {used}, and {there} are there"
 

@@ -28,7 +28,7 @@ from .kinematic_tree import Skeleton
 from .loaders import ModelFile, profile_of_known, read_model
 from .mimic import Coupling
 from .profile import Profile, ServoGains, check_names, read_profile
-from .servos import Gains, set_gains, set_torque, soften_servos, takes_positions
+from .servos import Gains, set_gains, set_torque, suit_servos
 
 LEGS = {Side.LEFT: "left_leg", Side.RIGHT: "right_leg"}
 """Names of the two legs among a robot's limbs."""
@@ -260,12 +260,8 @@ def load_robot(
     anatomy = _read_marked(file, told) if marked else mark(file, told)
     model = compile_model(file.spec, f"robot {file.path}")
     home = _home(model, file.path, told if marked else Profile())
-    usual = Actuation.PD
-    if pd is None and takes_positions(file.spec, model, anatomy, home):
-        usual = Actuation.POSITION
-    takes = usual if actuation is None else Actuation(actuation)
-    if takes is not Actuation.POSITION:
-        soften_servos(file.spec, model, anatomy, home, pd)
+    wanted = None if actuation is None else Actuation(actuation)
+    takes, anatomy = suit_servos(file.spec, model, anatomy, home, pd, wanted)
     for actuator in file.spec.actuators:
         actuator.gainprm[0] *= factor
         actuator.biasprm[1] *= factor

@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import mujoco
 import numpy as np
 
+from ..control import Actuation
 from ..pattern import PAPER_PENDULUM
 from .anatomy import Anatomy
 from .loaders import first_of
@@ -167,21 +168,45 @@ DOUBTED_FRICTION = 0.2
 """Share of the dry friction that a file tells that is not known well enough [-]."""
 
 
-def takes_positions(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray
-) -> bool:
-    """Return whether a robot's own data make it one that takes positions.
+def suit_servos(
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    anatomy: Anatomy,
+    q: np.ndarray,
+    pd: tuple[float, float, float] | None,
+    wanted: Actuation | None,
+) -> tuple[Actuation, Anatomy]:
+    """Give joints the servos that suit what they take.
 
     Args:
-        spec: The model with its position servos.
+        spec: The model with its position servos, changed in place.
         model: The same, compiled.
         anatomy: Its parts.
         q: The walking posture.
+        pd: Gains of all joints but ankles, of ankles [N m/rad], and velocity gain of
+            all [N m s/rad], for joints that take torques; found if None.
+        wanted: What the joints take. If None, positions where legs have gains of their
+            own that hold the body without torques, or joints whose friction only stiff
+            servos overcome, and else torques with gains about positions.
 
     Returns:
-        Whether legs have gains of their own that hold the body without torques, or
-        joints whose friction only stiff servos overcome.
+        What the joints take; and the parts, with the joints whose servos are designed.
     """
+    usual = Actuation.PD
+    if pd is None and _takes_positions(spec, model, anatomy, q):
+        usual = Actuation.POSITION
+    takes = wanted or usual
+    if takes is not Actuation.POSITION:
+        _soften(spec, model, anatomy, q, pd)
+    elif wanted is None:
+        anatomy = _stiffen(spec, model, anatomy, q)
+    return takes, anatomy
+
+
+def _takes_positions(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray
+) -> bool:
+    """Return whether legs hold the body without torques, or have much friction."""
     width = min(sole.size[1] for sole in anatomy.soles.values())
     mass, gravity = float(model.body_subtreemass[1]), abs(float(model.opt.gravity[2]))
     most = MOST_FRICTION * mass * gravity * 0.5 * width
@@ -193,24 +218,33 @@ def takes_positions(
     return bool(own) and min(own) >= SOFTEST * weight
 
 
-def soften_servos(
+def _stiffen(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray
+) -> Anatomy:
+    """Give legs that are too soft to take positions the servos of `design_servos`."""
+    design = design_servos(model, anatomy, q)
+    legs = {j for leg in anatomy.legs.values() for j in leg}
+    servos = [a for a in spec.actuators if a.target in design.gains]
+    if (
+        min(-a.biasprm[1] for a in servos if a.target in legs)
+        >= SOFTEST * design.weight
+    ):
+        return anatomy
+    for actuator in servos:
+        set_gains(actuator, design.gains[actuator.target])
+    return replace(anatomy, designed=tuple(a.target for a in servos))
+
+
+def _soften(
     spec: mujoco.MjSpec,
     model: mujoco.MjModel,
     anatomy: Anatomy,
     q: np.ndarray,
-    pd: tuple[float, float, float] | None = None,
+    pd: tuple[float, float, float] | None,
 ) -> None:
     """Give joints that torques are fed forward to the gains that builders choose.
 
     Gains of the file or the profile stay if the legs' are soft.
-
-    Args:
-        spec: The model with its position servos, changed in place.
-        model: The same, compiled.
-        anatomy: Its parts.
-        q: The walking posture.
-        pd: Gains of all joints but ankles, of ankles [N m/rad], and velocity gain of
-            all [N m s/rad], instead.
     """
     design = design_servos(model, anatomy, q)
     legs = {j for leg in anatomy.legs.values() for j in leg}
@@ -332,5 +366,6 @@ def soft_servos(
     how = f"the body sways at {sway:.1f} Hz" if rest > 0.0 else "the body sinks"
     return (
         f"the file's own servos are soft: {softest} has {own[softest]:.4g} N m/rad, on "
-        f"which {how}, and torques hold it instead (--actuation)"
+        f"which {how}: it walks by torque or, against much friction, on stiffer ones "
+        "(--actuation)"
     )

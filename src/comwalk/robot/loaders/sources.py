@@ -92,6 +92,7 @@ def read_model(source: str | Path, *, geometry: bool = False) -> ModelFile:
         else:
             file = read_mjcf(root, path, geometry=geometry)
         _bring_near(file.spec, notes)
+        _use_own_physics(file.spec, notes)
         _check_model(compile_without_bad_meshes(file.spec, notes))
     except ModelError as error:
         raise ModelError(f"robot {path}: {error}") from None
@@ -245,6 +246,10 @@ def _parsed(text: bytes, notes: list[str]) -> ET.Element:
     return root
 
 
+_KEPT = "gravity", "timestep"
+_TOLD_OPTIONS = "disableflags", "density", "viscosity", "wind", "o_margin"
+
+
 def _expand_xacro(path: Path) -> bytes:
     """Return the URDF that a xacro file expands to."""
     try:
@@ -270,6 +275,18 @@ def _bring_near(spec: mujoco.MjSpec, notes: list[str]) -> None:
             notes.append(f'keyframe "{key.name}" moved to the origin')
             q[:3] = 0.0
             key.qpos = q
+
+
+def _use_own_physics(spec: mujoco.MjSpec, notes: list[str]) -> None:
+    """Take back what a file says of the simulation: soles slip on a poor solver."""
+    usual, changed = mujoco.MjSpec().option, []
+    for name in (n for n in dir(usual) if n[0] != "_" and n not in _KEPT):
+        value = getattr(usual, name)
+        if not np.array_equal(value, getattr(spec.option, name)):
+            setattr(spec.option, name, value)
+            changed.append(name)
+    if told := [name for name in changed if name in _TOLD_OPTIONS]:
+        notes.append(f"<option> {', '.join(told)} left out: comwalk sets its own")
 
 
 def _check_model(model: mujoco.MjModel) -> None:

@@ -177,6 +177,16 @@ def test_what_cannot_walk_is_refused(folder, options, message):
     assert "toy.urdf" in str(caught.value)
 
 
+def test_feet_nearly_as_long_as_the_legs_are_feet(folder):
+    """Small soccer robots have them: not an edge of theirs is the sole."""
+    file = write(folder)
+    text = file.read_text()
+    assert '<box size="0.22 0.11 0.04"/>' in text
+    file.write_text(text.replace('size="0.22 0.11', 'size="0.75 0.15'))
+    for sole in load_robot(file).anatomy.soles.values():
+        assert sole.size == pytest.approx((0.75, 0.15))
+
+
 def test_the_lowest_shape_is_the_sole(folder):
     """A box at the ankle is not taken for the sole if a mesh lies below it."""
     trimesh = pytest.importorskip("trimesh")

@@ -356,7 +356,7 @@ _TRIALS = (
     *((share, 1.0, 1.0) for share in (1.0, 0.85, 0.7, 0.6, 0.5)),
     *((share, 0.7, 1.0) for share in (0.6, 0.45)),
     *((share, 1.0, 1.0) for share in (0.4, 0.25)),
-    *((share, 1.0, 0.85) for share in (1.0, 0.7, 0.4)),
+    *((share, 1.0, width) for width in (0.85, 0.7) for share in (1.0, 0.7, 0.4)),
     *((share, 0.5, width) for share in (0.35, 0.2) for width in (1.0, 1.2)),
     *((0.4, 1.4, 1.0), (0.4, 1.4, 0.8), (0.2, 1.4, 1.0), (0.2, 2.0, 1.0)),
     *((0.0, time, 1.0) for time in (1.0, 0.7, 0.5, 1.4, 2.0)),

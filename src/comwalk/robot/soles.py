@@ -28,7 +28,7 @@ CROSSWISE = 1.3
 """How much wider than long a foot must be to lie across [-]."""
 
 _LEAST_AREA = 0.003  # smallest flat that a robot can stand on, in leg lengths squared
-_LONGEST = 0.7  # length of the longest foot, in leg lengths
+_LONGEST = 1.0  # length of the longest foot, in leg lengths
 _DEPTH = 0.012  # how far above the lowest face a point touches, in leg lengths
 _LOWEST = 0.03  # how far above all that collides a sole may be, in leg lengths
 _STEEPEST = 0.85  # least share of a face's normal that looks down

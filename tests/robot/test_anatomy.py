@@ -177,6 +177,19 @@ def test_what_cannot_walk_is_refused(folder, options, message):
     assert "toy.urdf" in str(caught.value)
 
 
+def test_hips_that_share_a_motor_are_told(folder):
+    """As those of NAO: one joint less can be moved by itself."""
+    file = write(folder)
+    joint = '<joint name="right_hip_z" type="revolute">'
+    text = file.read_text()
+    assert joint in text
+    file.write_text(text.replace(joint, f'{joint}<mimic joint="left_hip_z"/>'))
+    robot = load_robot(file)
+    assert "right_hip_z" in robot.anatomy.locked
+    told = "right_hip_z shares a motor with left_hip_z of another limb: it is locked"
+    assert told in robot.notes
+
+
 def test_feet_nearly_as_long_as_the_legs_are_feet(folder):
     """Small soccer robots have them: not an edge of theirs is the sole."""
     file = write(folder)

@@ -113,6 +113,12 @@ def find_anatomy(
         part: zero.names(j for j in joints if j not in followers | locked)
         for part, joints in parts.items()
     }
+    striding = {*parts["left leg"], *parts["right leg"]}
+    notes += [
+        f"{m.joint} shares a motor with {m.primary} of another limb: it is locked"
+        for m in mimics
+        if m not in coupled and model.joint(m.joint).id in striding
+    ]
     moving = {j for joints in own.values() for j in joints}
     moving |= {m.joint for m in coupled}
     every = zero.names(range(1, model.njnt))

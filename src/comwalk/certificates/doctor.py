@@ -183,8 +183,8 @@ def _uneven(robot: Robot) -> Iterator[Finding]:
             DOUBT,
             "left and right",
             f"{name} {left:.4g} and {right:.4g}",
-            "a robot that is not alike on both sides sways to one",
-            "correct the file if the robot is alike",
+            "it walks as the file says, which is often a slip",
+            "correct the file if the robot is alike on both sides",
         )
 
 

@@ -190,6 +190,32 @@ def test_hips_that_share_a_motor_are_told(folder):
     assert told in robot.notes
 
 
+def test_a_motor_beside_the_limb_follows_the_joint_that_it_drives(folder):
+    """The hip's yaw by a gear of -1:2: half the motor's speed, twice its torque."""
+    text = urdf()
+    for side in ("left", "right"):
+        joint = f'<joint name="{side}_hip_z" type="revolute">'
+        assert joint in text
+        mimic = f'<mimic joint="{side}_motor" multiplier="-0.5" offset="0.1"/>'
+        text = text.replace(joint, joint + mimic)
+        motor = (
+            f'<link name="{side}_gear"><inertial><mass value="0.1"/><inertia '
+            'ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            f'<joint name="{side}_motor" type="revolute"><parent link="pelvis"/>'
+            f'<child link="{side}_gear"/><axis xyz="0 0 1"/>'
+            '<limit lower="-9" upper="9" effort="50" velocity="6"/></joint></robot>'
+        )
+        text = text.replace("</robot>", motor)
+    file = folder / "geared.urdf"
+    file.write_text(text)
+    robot = load_robot(file)
+    assert [len(leg) for leg in robot.anatomy.legs.values()] == [6, 6]
+    j = robot.joints.index("left_hip_z")
+    assert robot.torque[j] == pytest.approx(100.0)
+    assert robot.speed[j] == pytest.approx(3.0)
+    assert "left_motor" not in robot.anatomy.legs[Side.LEFT]
+
+
 def test_feet_nearly_as_long_as_the_legs_are_feet(folder):
     """Small soccer robots have them: not an edge of theirs is the sole."""
     file = write(folder)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import mujoco
@@ -101,6 +101,41 @@ def _resolve(mimic: Mimic, rules: dict[str, Mimic]) -> Mimic:
         primary, offset = above.primary, ratio * above.offset + offset
         ratio *= above.ratio
     return Mimic(mimic.joint, primary, ratio, offset)
+
+
+def with_limbs_leading(file: ModelFile, model: mujoco.MjModel) -> ModelFile:
+    """Return a model whose motors beside a limb follow the joint that they drive.
+
+    A gear's motor that moves nothing else is often the leader in a file. The limb needs
+    its joint, which takes the motor's limits through the gear.
+
+    Args:
+        file: The model.
+        model: The same, compiled.
+
+    Returns:
+        The model.
+    """
+    below = [0] * model.nbody  # joints of a body and of all that hang on it
+    for body in range(model.nbody - 1, 0, -1):
+        below[body] += int(model.body_jntnum[body])
+        below[model.body_parentid[body]] += below[body]
+    leaders = [mimic.primary for mimic in file.mimics]
+    mimics, speed, torque = [], dict(file.speed), dict(file.torque)
+    for m in file.mimics:
+        motor, moved = (
+            below[model.jnt_bodyid[model.joint(name).id]]
+            for name in (m.primary, m.joint)
+        )
+        if motor > 1 or moved < 2 or not m.ratio or leaders.count(m.primary) > 1:
+            mimics.append(m)
+            continue
+        mimics.append(Mimic(m.primary, m.joint, 1.0 / m.ratio, -m.offset / m.ratio))
+        if m.primary in torque:
+            torque[m.joint] = torque[m.primary] / abs(m.ratio)
+        if m.primary in speed:
+            speed[m.joint] = speed[m.primary] * abs(m.ratio)
+    return replace(file, mimics=tuple(mimics), speed=speed, torque=torque)
 
 
 def first_of(names: Sequence[str], count: int = 4) -> str:

@@ -22,6 +22,7 @@ from .mjcf import read_mjcf
 from .parts import LinkMesh as LinkMesh
 from .parts import Mimic as Mimic
 from .parts import ModelFile as ModelFile
+from .parts import with_limbs_leading
 from .urdf import read_urdf
 
 ROBOTS = {
@@ -93,7 +94,9 @@ def read_model(source: str | Path, *, geometry: bool = False) -> ModelFile:
             file = read_mjcf(root, path, geometry=geometry)
         _bring_near(file.spec, notes)
         _use_own_physics(file.spec, notes)
-        _check_model(compile_without_bad_meshes(file.spec, notes))
+        model = compile_without_bad_meshes(file.spec, notes)
+        _check_model(model)
+        file = with_limbs_leading(file, model)
     except ModelError as error:
         raise ModelError(f"robot {path}: {error}") from None
     return dataclasses.replace(file, name=name, notes=(*file.notes, *notes))

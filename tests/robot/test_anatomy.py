@@ -200,7 +200,8 @@ def test_a_motor_beside_the_limb_follows_the_joint_that_it_drives(folder):
         text = text.replace(joint, joint + mimic)
         motor = (
             f'<link name="{side}_gear"><inertial><mass value="0.1"/><inertia '
-            'ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial></link>'
+            'ixx="1e-4" iyy="1e-4" izz="1e-4" ixy="0" ixz="0" iyz="0"/></inertial>'
+            "</link>"
             f'<joint name="{side}_motor" type="revolute"><parent link="pelvis"/>'
             f'<child link="{side}_gear"/><axis xyz="0 0 1"/>'
             '<limit lower="-9" upper="9" effort="50" velocity="6"/></joint></robot>'

@@ -19,6 +19,7 @@ from comwalk.certificates.bounds import sampled_weights, sampled_worst_case
 from comwalk.certificates.certificate import SoleRoom, certify
 from comwalk.certificates.defaults import default_control, default_pendulum, sole_room
 from comwalk.certificates.gain_check import sampled_loop_of
+from comwalk.certificates.gain_design import PUBLISHED
 from comwalk.certificates.ideal_loop import is_hurwitz, proof_condition
 from comwalk.certificates.largest_errors import worst_case
 from comwalk.certificates.sampled_loop import SampledLoop, spectral_radius
@@ -31,7 +32,7 @@ from comwalk.control.gains import Gains
 from comwalk.errors import ParameterError
 from comwalk.pattern.pendulum import Pendulum
 from comwalk.robot.model import load_robot
-from comwalk.views.gain_plane import PUBLISHED, loop_region, plot_gain_plane
+from comwalk.views.gain_plane import loop_region, plot_gain_plane
 
 PAPER, LOOP = Pendulum(), SampledLoop()
 ROOM = SoleRoom(walking=(0.12, 0.065), standing=(0.12, 0.155))

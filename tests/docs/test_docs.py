@@ -194,7 +194,7 @@ def test_certificates_print_what_the_page_says(capsys):
     """Its snippets run one after the other, each with its output below it."""
     pattern = r"```python\n(.*?)```\n\n```text\n(.*?)```"
     pairs = re.findall(pattern, CERTIFICATES, flags=re.DOTALL)
-    assert len(pairs) == CERTIFICATES.count("```python") == 6
+    assert len(pairs) == CERTIFICATES.count("```python") == 7
     names: dict[str, object] = {}
     for code, text in pairs:
         exec(compile(code, "certificates.md", "exec"), names)

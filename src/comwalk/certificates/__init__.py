@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from .gain_check import check_control as check_control
     from .gain_check import sampled_loop_of as sampled_loop_of
     from .gain_check import servo_lag_of as servo_lag_of
+    from .gain_design import PUBLISHED as PUBLISHED
     from .gain_design import Aim as Aim
     from .gain_design import DesignGoal as DesignGoal
     from .gain_design import design as design
@@ -48,6 +49,7 @@ if TYPE_CHECKING:
     from .reach import check_friction as check_friction
     from .reach import friction_fault as friction_fault
     from .reach import stance_ratio as stance_ratio
+    from .reach import stepping_of as stepping_of
     from .sampled_loop import SampledLoop as SampledLoop
     from .sampled_loop import open_loop as open_loop
     from .sampled_loop import text_of_loop as text_of_loop

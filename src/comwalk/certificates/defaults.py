@@ -33,6 +33,7 @@ from .certificate import SoleRoom
 from .gain_check import sampled_loop_of, servo_lag_of
 from .gain_design import Design, DesignGoal, design, rounded
 from .plan_check import feasibility
+from .reach import SOLE_GAP
 from .sampled_loop import SampledLoop, highest_cutoff
 
 SIDE_STEP = 0.05
@@ -53,9 +54,6 @@ MAX_SPEED_RATIO = 4.0
 
 TRANSFER_SHARE = 0.1
 """t_d as a share of T [-]."""
-
-SOLE_GAP = 0.01
-"""Smallest distance of the soles when they pass, for the paper's robot [m]."""
 
 
 def default_pendulum(robot: Robot) -> Pendulum:

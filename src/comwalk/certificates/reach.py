@@ -13,7 +13,7 @@ import numpy as np
 from ..control import Actuation, BodySettings, ControlOutput, SimulatorSettings
 from ..embedding import EmbeddedMotion, rotation_yaw
 from ..errors import ModelError, PlanError
-from ..pattern import Pattern, Phase
+from ..pattern import PAPER_PENDULUM, Pattern, Phase, Stepping
 from ..robot import (
     DOUBTED_FRICTION,
     LEGS,
@@ -25,6 +25,8 @@ from ..robot import (
 from ..sides import Side
 from ..walking import WholeBody
 
+SOLE_GAP = 0.01
+"""Smallest distance of the soles when they pass, for the paper's robot [m]."""
 REACH_SHARE = 0.99
 """Share of a leg's whole length that a plan may use [-]."""
 
@@ -65,6 +67,40 @@ def leg_reaches(
         most, when = max(needed, key=lambda pair: pair[0])
         reaches[side] = most, REACH_SHARE * length, when
     return reaches
+
+
+def stepping_of(robot: Robot) -> Stepping:
+    """Return how far and how fast the feet of a robot may be taken to go.
+
+    Its legs reach as far as they are long while the hips keep their height, as far
+    behind as ahead; a foot swings at 2 m/s and for 0.3 s at least, to the scale of the
+    paper's robot.
+
+    Args:
+        robot: The robot.
+
+    Returns:
+        Largest and least steps, for `pattern.largest_push`.
+
+    Raises:
+        ModelError: If a leg has not six joints.
+    """
+    kinematics = Kinematics(robot)
+    kinematics.update(robot.home)
+    anchors = [_joint_anchors(robot, kinematics, LEGS[side]) for side in Side]
+    lengths = [np.linalg.norm(np.diff(x, axis=0), axis=1).sum() for x in anchors]
+    longest, tall = REACH_SHARE * min(lengths), max(x[0, 2] - x[-1, 2] for x in anchors)
+    swings = math.sqrt(max(longest**2 - tall**2, 0.0))
+    apart = float(np.linalg.norm(anchors[0][0, :2] - anchors[1][0, :2]))
+    r = robot.com_height / PAPER_PENDULUM.height
+    beside = robot.sole_size[1] + SOLE_GAP * r
+    return Stepping(
+        forward=2.0 * swings,
+        aside=max(apart + swings, beside),
+        beside=beside,
+        foot_speed=2.0 * math.sqrt(r),
+        least_time=0.3 * math.sqrt(r),
+    )
 
 
 def stance_stiffness(robot: Robot) -> dict[Side, np.ndarray]:

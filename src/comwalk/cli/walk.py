@@ -122,7 +122,8 @@ def check(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -
         nearest = [{"change": c.text, "amount": c.amount} for c in changes]
         from ..run import plain
 
-        print_json({"ok": result.ok, "nearest": nearest, "demands": plain(rows)})
+        told = {"ok": result.ok, "nearest": nearest, "demands": plain(rows)}
+        print_json(told | {"largest_push_m_s": _pushes(setup)})
     else:
         cells = [_demand_cells(row) for row in rows[:_DEMANDS_SHOWN]]
         print_table(cells, ("used", "what", "of", "asked", "limit", "unit", "at"))
@@ -131,7 +132,21 @@ def check(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -
             if result.ok
             else f"it does not fit; {advice(changes, result.worst)}"
         )
+        if pushes := _pushes(setup):
+            most = ", ".join(f"{v:.2f} m/s {way}" for way, v in pushes.items())
+            print(f"no controller that steps catches a push of 0.1 s above {most}")
     return 0 if result.ok else 1
+
+
+def _pushes(setup: Setup) -> dict[str, float]:
+    """Return the largest pushes that any stepping controller could catch [m/s]."""
+    from ..certificates import stepping_of
+    from ..pattern import largest_push
+
+    if setup.robot is None or not setup.pattern.plan.steps:
+        return {}
+    bound = largest_push(setup.pattern, stepping_of(setup.robot))
+    return dataclasses.asdict(bound)
 
 
 _DEMANDS_SHOWN = 12

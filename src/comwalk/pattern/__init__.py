@@ -5,6 +5,10 @@ from typing import TYPE_CHECKING
 from ..lazy import exports_of
 
 if TYPE_CHECKING:
+    from .capturability import Capturability as Capturability
+    from .capturability import Stepping as Stepping
+    from .capturability import capture_limits as capture_limits
+    from .capturability import largest_push as largest_push
     from .closed_form import coefficients as coefficients
     from .closed_form import transfer_zmp as transfer_zmp
     from .footsteps import PAPER_GAIT as PAPER_GAIT

@@ -114,11 +114,7 @@ def find_anatomy(
         for part, joints in parts.items()
     }
     striding = {*parts["left leg"], *parts["right leg"]}
-    notes += [
-        f"{m.joint} shares a motor with {m.primary} of another limb: it is locked"
-        for m in mimics
-        if m not in coupled and model.joint(m.joint).id in striding
-    ]
+    apart = [mimic for mimic in mimics if mimic not in coupled]
     moving = {j for joints in own.values() for j in joints}
     moving |= {m.joint for m in coupled}
     every = zero.names(range(1, model.njnt))
@@ -132,8 +128,17 @@ def find_anatomy(
         soles={side: soles[side] for side in Side},
         coupled=coupled,
         imu=given.imu or _trunk(zero, own["torso"]),
-        notes=(*notes, *_notes(own, soles)),
+        notes=(*notes, *_notes(own, soles), *_shared(zero, striding, apart)),
     )
+
+
+def _shared(zero: Skeleton, legs: Collection[int], apart: Sequence[Mimic]) -> list[str]:
+    """Return notes on joints of legs that follow one of another limb."""
+    return [
+        f"{m.joint} shares a motor with {m.primary} of another limb: it is locked"
+        for m in apart
+        if zero.model.joint(m.joint).id in legs
+    ]
 
 
 def _trunk(zero: Skeleton, torso: Sequence[str]) -> str:

@@ -2,18 +2,12 @@
 
 Both gains are divided by omega_n, so that all conditions of the ideal loop look the
 same for every robot. The region of the sampled loop is this robot's own.
-
-Published gains of the paper's law are marked. The robots of the iCub family run it as
-the last layer of robotology/walking-controllers: k_ZMP and k_CoM of the files
-`zmpControllerParams.ini` under `app/robots/<robot>/dcm_walking/`, the same for both
-axes, without a ZMP filter. On some of them an outer loop moves the ZMP reference, which
-is not counted here.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import matplotlib
 import numpy as np
@@ -23,13 +17,14 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 
 from ..certificates import (
+    PUBLISHED,
     Certificate,
     SampledLoop,
     largest_zmp_gain,
     text_of_loop,
 )
 from ..certificates.identification import Identified, ResponseFit, Responses
-from ..pattern import PAPER_PENDULUM, Pendulum
+from ..pattern import Pendulum
 from .matplotlib_figures import DPI, STYLE, write_figure
 
 _LIMITS = (2.0, 2.6)  # of k_p and k_c over omega_n
@@ -41,56 +36,6 @@ _HALO: dict[str, Any] = {
     "pad": 0.6,
     "alpha": 0.75,
 }
-
-_WALKING_CONTROLLERS = "robotology/walking-controllers, app/robots"
-_FRJOCO = "CheolMin-Yoon/FrJoCo, python/DCM_v2/config.py"
-
-
-class PublishedGains(NamedTuple):
-    """A published pair of gains."""
-
-    robot: str
-    """Whose they are."""
-    use: str
-    """What for."""
-    k_p: float
-    """ZMP gain [1/s]."""
-    k_c: float
-    """CoM gain [1/s]."""
-    height: float
-    """CoM height [m]."""
-    source: str
-    """Where they are published."""
-
-    @property
-    def pendulum(self) -> Pendulum:
-        """The simplified model of that robot."""
-        return Pendulum(height=self.height)
-
-
-_PAPER = PAPER_PENDULUM.height, "Choi, Kim, You 2006, Section VI"
-_ERGOCUB = 0.70, _WALKING_CONTROLLERS
-_ICUB = 0.53, _WALKING_CONTROLLERS
-_GENOVA_09 = 0.565, _WALKING_CONTROLLERS
-
-PUBLISHED = (
-    PublishedGains("the paper", "x", 3.0, 6.6, *_PAPER),
-    PublishedGains("the paper", "y", 1.8, 3.8, *_PAPER),
-    PublishedGains("ergoCubSN000", "walking", 1.8, 5.0, *_ERGOCUB),
-    PublishedGains("ergoCubSN000", "standing", 0.5, 4.0, *_ERGOCUB),
-    PublishedGains("ergoCubSN001", "walking", 1.3, 5.0, *_ERGOCUB),
-    PublishedGains("ergoCubSN001", "standing", 0.1, 4.0, *_ERGOCUB),
-    PublishedGains("ergoCubGazeboV1", "walking", 1.0, 3.0, *_ERGOCUB),
-    PublishedGains("iCubGazeboV2_5", "walking", 3.5, 10.0, *_ICUB),
-    PublishedGains("iCubGazeboV2_5", "standing", 0.9, 6.0, *_ICUB),
-    PublishedGains("iCubGenova04, joypad", "walking", 3.5, 4.0, *_ICUB),
-    PublishedGains("iCubGenova04, joypad", "standing", 0.9, 4.0, *_ICUB),
-    PublishedGains("iCubGenova04, iFeel", "walking", 2.0, 10.0, *_ICUB),
-    PublishedGains("iCubGenova09", "walking", 1.8, 5.0, *_GENOVA_09),
-    PublishedGains("iCubGenova09", "standing", 0.5, 4.0, *_GENOVA_09),
-    PublishedGains("G1, FrJoCo", "walking", 10.0, 1.0, 0.6846, _FRJOCO),
-)
-"""Published gains; CoM heights of the iCub family are nominal ones."""
 
 
 def plot_gain_plane(

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -384,3 +385,59 @@ def torque_limits(model: mujoco.MjModel, torque: Mapping[str, float]) -> np.ndar
     names = [model.joint(k).name for k in range(1, model.njnt)]
     limits = np.array([torque.get(name, np.inf) for name in names])
     return np.where(limits > 0.0, limits, np.inf)
+
+
+def home_of(model: mujoco.MjModel, path: Path, profile: Profile) -> np.ndarray:
+    """Return the configuration of the keyframe "walk", or of the first one.
+
+    Args:
+        model: The compiled model.
+        path: Its file, for messages.
+        profile: Angles that are to be otherwise.
+
+    Returns:
+        MuJoCo's qpos, of shape (7 + joints,).
+
+    Raises:
+        ModelError: If there is no keyframe, or a joint in it is out of its range.
+    """
+    names = [model.key(i).name for i in range(model.nkey)]
+    if not names:
+        raise ModelError(
+            f'robot {path} has no keyframe: add <key name="walk" qpos="..."/> with '
+            "bent knees"
+        )
+    name = "walk" if "walk" in names else names[0]
+    q = model.key_qpos[names.index(name)].copy()
+    if not np.isfinite(q).all():
+        raise ModelError(
+            f'robot {path}: keyframe "{name}" holds something that is no number'
+        )
+    if profile.home:
+        q, name = _with_angles(model, q, profile), "walk of the profile"
+    low, high = model.jnt_range[1:, 0] - 1e-6, model.jnt_range[1:, 1] + 1e-6
+    past = (model.jnt_limited[1:] > 0) & ((q[7:] < low) | (q[7:] > high))
+    if past.any():
+        j = int(np.flatnonzero(past)[0])
+        raise ModelError(
+            f'robot {path}: keyframe "{name}" has joint "{model.joint(j + 1).name}" at '
+            f"{q[7 + j]:.4g} rad, outside its range [{low[j]:.4g}, {high[j]:.4g}]"
+        )
+    return q
+
+
+def _with_angles(model: mujoco.MjModel, q: np.ndarray, profile: Profile) -> np.ndarray:
+    """Return a configuration with other angles, its lower sole as high as before."""
+    data, sites = mujoco.MjData(model), []
+    q, sites = q.copy(), [model.site(f"{s.value[0]}_sole").id for s in Side]
+
+    def lowest() -> float:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        return float(data.site_xpos[sites, 2].min())
+
+    before = lowest()
+    for joint, angle in profile.home.items():
+        q[model.joint(joint).qposadr[0]] = angle
+    q[2] += before - lowest()
+    return q

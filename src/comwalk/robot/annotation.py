@@ -65,8 +65,9 @@ def mark(file: ModelFile, profile: Profile | None = None) -> Anatomy:
     notes = [replaced_actuators(spec)]
     _lock(spec, zero, anatomy.locked, profile.home)
     _drop_what_drives(spec)
-    _mute(spec)
+    solid = _mute(spec)
     _add_frames(spec, zero, anatomy)
+    solid |= _soles_like(spec, anatomy, solid)
     _turn_base(spec, zero, anatomy.forward)
     couple_in_physics(spec, anatomy.coupled)
     model = compile_model(spec, name)
@@ -90,9 +91,8 @@ def mark(file: ModelFile, profile: Profile | None = None) -> Anatomy:
     mass = float(model.body_subtreemass[model.jnt_bodyid[0]])
     notes.append(soft_servos(design, anatomy, own, mass))
     made = tuple(j for j in gains if j not in own and gains[j] == design.gains[j])
-    return replace(
-        anatomy, designed=made, notes=(*anatomy.notes, *(n for n in notes if n))
-    )
+    notes = [*anatomy.notes, *(note for note in notes if note)]
+    return replace(anatomy, designed=made, solid=solid, notes=tuple(notes))
 
 
 def compile_model(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
@@ -193,12 +193,31 @@ def _drop_what_drives(spec: mujoco.MjSpec) -> None:
             spec.delete(element)
 
 
-def _mute(spec: mujoco.MjSpec) -> None:
-    """Disable all collisions; the soles, added later, are the only contacts."""
+def _mute(spec: mujoco.MjSpec) -> dict[str, tuple[int, int]]:
+    """Disable all collisions; the soles, added later, are the only contacts.
+
+    Returns:
+        Contype and conaffinity of the shapes that collided, by name.
+    """
+    types = {geom.name: (geom.contype, geom.conaffinity) for geom in spec.geoms}
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = 0, 0
     for pair in list(spec.pairs):
         spec.delete(pair)
+    return {name: own for name, own in types.items() if any(own)}
+
+
+def _soles_like(
+    spec: mujoco.MjSpec, anatomy: Anatomy, solid: Mapping[str, tuple[int, int]]
+) -> dict[str, tuple[int, int]]:
+    """Return contype and conaffinity of the soles: those that their feet had."""
+    found = {}
+    for sole in anatomy.soles.values():
+        geoms = spec.body(sole.body).geoms
+        own = [solid[geom.name] for geom in geoms if geom.name in solid] or [(1, 1)]
+        contype, conaffinity = np.bitwise_or.reduce(own).tolist()
+        found |= {g.name: (contype, conaffinity) for g in geoms if g.contype}
+    return found
 
 
 def couple_in_physics(spec: mujoco.MjSpec, mimics: Iterable[Mimic]) -> None:

@@ -25,7 +25,7 @@ from .anatomy import Anatomy
 from .annotated import Role, find_roles, is_marked, read_marks
 from .annotation import compile_model, couple_in_physics, coupling_of, home_of, mark
 from .kinematic_tree import Skeleton
-from .loaders import ModelFile, profile_of_known, read_model
+from .loaders import ModelFile, World, place_world, profile_of_known, read_model
 from .mimic import Coupling
 from .profile import Profile, ServoGains, check_names, read_profile
 from .servos import Gains, set_gains, set_torque, soften_servos, takes_positions
@@ -125,6 +125,8 @@ class Robot:
     """What its profile says, and what it walks with by default."""
     actuation: Actuation = Actuation.POSITION
     """What its joints take."""
+    world: World | None = None
+    """What its file holds around it; None for a level floor at most."""
 
     @property
     def servos(self) -> JointServos | None:
@@ -348,6 +350,8 @@ def _robot_of(
     coupling = coupling_of(model, anatomy.coupled)
     if coupling is not None:
         limits = coupling.limits(*limits)
+    world = _world_of(file, anatomy)
+    notes = (*file.notes, *anatomy.notes, *([] if world is None else [world.note]))
     return Robot(
         name=file.name,
         spec=file.spec,
@@ -364,11 +368,21 @@ def _robot_of(
         home=home,
         anatomy=anatomy,
         roles=find_roles(model, home, anatomy),
-        notes=(*file.notes, *anatomy.notes),
+        notes=notes,
         coupling=coupling,
         profile=profile,
         actuation=actuation,
+        world=world,
     )
+
+
+def _world_of(file: ModelFile, anatomy: Anatomy) -> World | None:
+    """Return what a file holds around its robot, as the robot sees it."""
+    if file.around is None:
+        return None
+    forward = None if anatomy.marked else anatomy.forward
+    soles = [(sole.body, sole.position) for sole in anatomy.soles.values()]
+    return place_world(file.around, forward, soles)
 
 
 def _read_foot(model: mujoco.MjModel, side: Side, anatomy: Anatomy) -> Foot:

@@ -123,7 +123,7 @@ def _robot_figures(log: Log, robot: Robot) -> dict[str, Any]:
     margins = 1e3 * sole_margins(log, robot)
     margins = margins if len(margins) else np.array([np.nan])
     turn = yaw_of_quaternion(log["qpos"][-1, 3:7]) - log["heading_ref"][-1]
-    speed = np.abs(log["qvel"][:, 6:]) / robot.speed
+    speed = np.abs(log["qvel"][:, 6 : robot.model.nv]) / robot.speed
     torque = np.abs(log["torques_true"]) / robot.torque
     saturated = (torque >= 0.999).any(axis=1)
     return {

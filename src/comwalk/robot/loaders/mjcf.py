@@ -14,22 +14,27 @@ from ...errors import ModelError, one_line
 from .mjcf_assets import (
     delete_geoms,
     drop_meshes,
+    drop_missing_heights,
     drop_missing_meshes,
+    drop_missing_textures,
     drop_textures,
+    drop_unused_looks,
     mesh_path,
     meshes_of,
 )
 from .mjcf_tree import whole_tree
 from .parts import LinkMesh, Mimic, ModelFile, first_of, resolve_mimics, rotation_of
+from .world import take_world
 
 _UNKNOWN = re.compile(r"unrecognized attribute: '([^']+)' Element '([^']+)'")
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _FREE = mujoco.mjtJoint.mjJNT_FREE
 _STAND_IN = "comwalk stand-in "
+_LEGS = 8  # joints that two legs have, at least
 
 
 def read_mjcf(root: ET.Element, path: Path, *, geometry: bool) -> ModelFile:
-    """Read an MJCF: the heaviest tree of bodies in its world is the robot.
+    """Read an MJCF: the heaviest tree of bodies with joints for two legs is the robot.
 
     Args:
         root: The element `mujoco`.
@@ -47,14 +52,25 @@ def read_mjcf(root: ET.Element, path: Path, *, geometry: bool) -> ModelFile:
     spec = _parse(root, path, notes)
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
     _name_all(spec)
+    lost: list[str] = []
+    drop_missing_heights(spec, notes)
+    drop_missing_textures(spec, lost)
     outline = _outline(spec)
     meshes = _link_meshes(spec, outline)
+    base = _find_robot(spec, outline)
+    around = take_world(spec, outline, base.name, notes, geometry=geometry)
     for key in list(spec.keys):
         spec.delete(key)
-    base = _keep_robot(spec, outline, notes)
+    _keep_robot(spec, base, notes if around is None else [])
+    if around is not None:
+        drop_unused_looks(spec, sky=False)
+        for site in list(spec.worldbody.sites):
+            spec.delete(site)
     drop_missing_meshes(spec, notes)
+    if geometry or around is not None:
+        notes += lost
     if not geometry:
-        drop_meshes(spec, solid=True)
+        drop_meshes(spec, notes, solid=around is None)
     _set_free(spec, outline, base, notes)
     bodies = {body.name for body in spec.bodies}
     return ModelFile(
@@ -67,6 +83,7 @@ def read_mjcf(root: ET.Element, path: Path, *, geometry: bool) -> ModelFile:
         meshes=tuple(mesh for mesh in meshes if mesh.body in bodies),
         notes=tuple(notes),
         is_urdf=False,
+        around=around,
     )
 
 
@@ -136,20 +153,23 @@ def _outline(spec: mujoco.MjSpec) -> mujoco.MjModel:
         raise ModelError(f"it does not compile: {one_line(error)}") from None
 
 
-def _keep_robot(
-    spec: mujoco.MjSpec, outline: mujoco.MjModel, notes: list[str]
-) -> mujoco.MjsBody:
-    """Remove all but the heaviest tree from the world, and return its first body."""
-    world = spec.worldbody
-    trees = list(world.bodies)
+def _find_robot(spec: mujoco.MjSpec, outline: mujoco.MjModel) -> mujoco.MjsBody:
+    """Return the first body of the heaviest tree, of those with joints for two legs."""
+    trees = list(spec.worldbody.bodies)
     if not trees:
         raise ModelError("it has no bodies; is this a robot?")
-    mass = {b.name: outline.body_subtreemass[outline.body(b.name).id] for b in trees}
-    base = max(trees, key=lambda body: mass[body.name])
-    others = [body.name for body in trees if body is not base]
-    for body in trees:
-        if body is not base:
-            spec.delete(body)
+    roots = [outline.body(body.name).id for body in trees]
+    joints = np.bincount(outline.body_rootid, outline.body_jntnum, outline.nbody)
+    ranks = [(joints[k] >= _LEGS, outline.body_subtreemass[k]) for k in roots]
+    return trees[ranks.index(max(ranks))]
+
+
+def _keep_robot(spec: mujoco.MjSpec, base: mujoco.MjsBody, notes: list[str]) -> None:
+    """Remove all but the tree of a body from the world."""
+    world = spec.worldbody
+    others = [body.name for body in world.bodies if body.name != base.name]
+    for name in others:
+        spec.delete(spec.body(name))
     if others:
         notes.append(f"beside the robot in the world, dropped: {first_of(others)}")
     geoms = list(world.geoms)
@@ -158,7 +178,6 @@ def _keep_robot(
     delete_geoms(spec, geoms)
     for light in list(world.lights):
         spec.delete(light)
-    return base
 
 
 def _link_meshes(spec: mujoco.MjSpec, outline: mujoco.MjModel) -> list[LinkMesh]:

@@ -11,7 +11,8 @@ import mujoco
 import numpy as np
 
 from ...errors import ModelError, one_line
-from .parts import first_of
+from .meshes import compile_without_bad_meshes
+from .parts import first_of, rotation_of
 
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 
@@ -39,23 +40,34 @@ def _path(spec: mujoco.MjSpec, folder: str, file: str) -> Path:
     return Path(spec.modelfiledir, folder, Path(file).name if spec.strippath else file)
 
 
-def drop_missing_fields(spec: mujoco.MjSpec, notes: list[str]) -> None:
-    """Drop textures and height fields whose files are not on disk.
+def drop_missing_heights(spec: mujoco.MjSpec, notes: list[str]) -> None:
+    """Drop height fields whose files are not on disk.
 
     Args:
         spec: The model; it is changed.
-        notes: Gets a line if something is dropped.
+        notes: Gets a line if one is dropped.
     """
-    fields = {
+    missing = {
         field.name or Path(field.file).stem: field
         for field in spec.hfields
         if field.file and not mesh_path(spec, field).is_file()
     }
-    delete_geoms(spec, [g for g in spec.geoms if g.hfieldname in fields])
-    names = [field.file for field in fields.values()]
-    for field in fields.values():
+    delete_geoms(spec, [g for g in spec.geoms if g.hfieldname in missing])
+    if missing:
+        names = first_of([field.file for field in missing.values()])
+        notes.append(f"height fields not found: {names}")
+    for field in missing.values():
         spec.delete(field)
-    missing = []
+
+
+def drop_missing_textures(spec: mujoco.MjSpec, notes: list[str]) -> None:
+    """Drop textures whose files are not on disk; their colours stay.
+
+    Args:
+        spec: The model; it is changed.
+        notes: Gets a line if one is dropped.
+    """
+    missing, names = [], []
     for texture in spec.textures:
         folder = texture.compiler.texturedir
         files = [file for file in (texture.file, *texture.cubefiles) if file]
@@ -65,9 +77,7 @@ def drop_missing_fields(spec: mujoco.MjSpec, notes: list[str]) -> None:
             names.append(lost[0])
     _delete_textures(spec, missing)
     if names:
-        notes.append(
-            f"{len(names)} texture or height files not found: {first_of(names)}"
-        )
+        notes.append(f"textures not found: {first_of(names)}")
 
 
 def drop_textures(spec: mujoco.MjSpec) -> None:
@@ -146,34 +156,72 @@ def drop_missing_meshes(spec: mujoco.MjSpec, notes: list[str]) -> None:
         notes.append(f"{len(names)} mesh files not found: {first_of(names)}")
 
 
-def drop_meshes(spec: mujoco.MjSpec, *, solid: bool) -> None:
+def drop_meshes(spec: mujoco.MjSpec, notes: list[str], *, solid: bool) -> None:
     """Drop meshes from files; bodies keep the inertia that they had from them.
 
     Args:
         spec: The model; it is changed.
-        solid: Whether those that touch go too, not only those for the eye.
+        notes: Gets a line for each mesh that is not readable.
+        solid: Whether those that touch go too; if not, their convex hulls stay, which
+            contacts are computed with.
 
     Raises:
-        ModelError: If the inertia is needed, and the model does not compile.
+        ModelError: If the model does not compile, which is needed for an inertia or a
+            hull.
     """
     drop_textures(spec)
-    files = meshes_of(spec)
-    needed, spare = [], []
-    for geom in spec.geoms:
-        own = geom.meshname in files and geom.type == _MESH
-        kept = _is_named(spec, geom) or (_touches(geom) and not solid)
-        if own and not kept:
-            (needed if _gives_inertia(spec, geom) else spare).append(geom)
-    delete_geoms(spec, spare)
+    gone, kept = _mesh_geoms(spec, solid)
+    delete_geoms(spec, [geom for geom in gone if not _gives_inertia(spec, geom)])
     drop_unused_meshes(spec)
-    if needed:
+    if kept:
+        compile_without_bad_meshes(spec, notes)
+    gone, kept = _mesh_geoms(spec, solid)
+    if any(_gives_inertia(spec, geom) for geom in (*gone, *kept)):
         _freeze_inertia(spec)
-        delete_geoms(spec, needed)
+        delete_geoms(spec, gone)
         drop_unused_meshes(spec)
+    if kept:
+        _keep_hulls(spec)
 
 
-def _touches(geom: mujoco.MjsGeom) -> bool:
-    return bool(geom.contype or geom.conaffinity)
+def _mesh_geoms(
+    spec: mujoco.MjSpec, solid: bool
+) -> tuple[list[mujoco.MjsGeom], list[mujoco.MjsGeom]]:
+    """Return the geoms with meshes from files that go, and those that stay."""
+    files = meshes_of(spec)
+    gone, kept = [], []
+    for geom in spec.geoms:
+        if geom.meshname in files and geom.type == _MESH and not _is_named(spec, geom):
+            touches = bool(geom.contype or geom.conaffinity)
+            (kept if touches and not solid else gone).append(geom)
+    return gone, kept
+
+
+def _keep_hulls(spec: mujoco.MjSpec) -> None:
+    """Put the convex hulls of meshes that touch in their place."""
+    model, hulls = _compiled(spec), dict[str, str]()
+    for name, mesh in meshes_of(spec).items():
+        k = mesh.id
+        start, graph = int(model.mesh_vertadr[k]), int(model.mesh_graphadr[k])
+        if graph >= 0:
+            count = int(model.mesh_graph[graph])
+            own = start + model.mesh_graph[graph + 2 + count : graph + 2 + 2 * count]
+            points = model.mesh_vert[own] @ rotation_of(model.mesh_quat[k]).T
+            points = (points + model.mesh_pos[k]).ravel().tolist()
+            hull = spec.add_mesh(name=f"hull of {name}", uservert=points)
+            hull.scale, hull.refpos = np.ones(3), np.zeros(3)  # no defaults of the file
+            hull.refquat = np.eye(4)[0]
+            hulls[name] = hull.name
+    for geom in spec.geoms:
+        geom.meshname = hulls.get(geom.meshname, geom.meshname)
+    drop_unused_meshes(spec)
+
+
+def _compiled(spec: mujoco.MjSpec) -> mujoco.MjModel:
+    try:
+        return spec.compile()
+    except (ValueError, mujoco.FatalError) as error:
+        raise ModelError(f"it does not compile: {one_line(error)}") from None
 
 
 def _gives_inertia(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> bool:
@@ -201,12 +249,28 @@ def drop_unused_meshes(spec: mujoco.MjSpec) -> None:
             spec.delete(mesh)
 
 
+def drop_unused_looks(spec: mujoco.MjSpec, *, sky: bool) -> None:
+    """Delete the materials and textures that nothing shows.
+
+    Args:
+        spec: The model; it is changed.
+        sky: Whether the sky goes too.
+    """
+    shown = {part.material for part in (*spec.geoms, *spec.sites, *spec.tendons)}
+    shown |= {part.material for part in (*spec.skins, *spec.flexes)}
+    for material in [m for m in spec.materials if m.name not in shown]:
+        spec.delete(material)
+    used = {name for material in spec.materials for name in material.textures}
+    for texture in list(spec.textures):
+        is_sky = texture.type == mujoco.mjtTexture.mjTEXTURE_SKYBOX
+        name = texture.name or Path(texture.file).stem
+        if sky if is_sky else name not in used:
+            spec.delete(texture)
+
+
 def _freeze_inertia(spec: mujoco.MjSpec) -> None:
     """Write the inertia that each body gets from its geoms into the body itself."""
-    try:
-        model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"it does not compile: {one_line(error)}") from None
+    model = _compiled(spec)
     for body in spec.bodies[1:]:
         compiled = model.body(body.name)
         body.explicitinertial = True

@@ -3,16 +3,45 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
+from models import write
 
 from comwalk.embedding.task import CartesianMotion, JointMotion, Task
 from comwalk.errors import ModelError
 from comwalk.robot.kinematics import Kinematics
+from comwalk.robot.loaders.sources import read_model
 from comwalk.robot.model import Robot, load_robot
+
+
+def toy_scene(
+    folder: Path,
+    around: str,
+    base: str = 'pos="0 0 0.9"',
+    more: str = "",
+    change: Callable[[str], str] = lambda text: text,
+    **options: Any,
+) -> Path:
+    """Write a humanoid as MJCF with things around it, and return the file.
+
+    Args:
+        folder: Where.
+        around: Elements of the world, before the robot.
+        base: Where the robot stands.
+        more: Elements beside the world, such as keyframes.
+        change: Changes the robot's own text.
+        options: How it is built, `models.Build`.
+    """
+    text = change(read_model(write(folder, **options)).spec.to_xml())
+    text = text.replace('<body name="base">', f'{around}<body name="base" {base}>')
+    file = folder / "scene.xml"
+    file.write_text(text.replace("</mujoco>", f"{more}</mujoco>"), encoding="utf-8")
+    return file
 
 
 @cache

@@ -364,8 +364,11 @@ def _setup(config: RobotConfig, robot: Robot, pattern: Pattern) -> Setup:
     settings = default_control_settings(
         robot, gains, pendulum=pattern.pendulum, period=period
     )
-    blind = config.sensors == "none"
-    if blind:
+    notes = []
+    if robot.world is not None and config.simulator.scene:
+        notes.append(robot.world.note)
+    if config.sensors == "none":
+        notes.append("nothing feels the ground: the law has k_p = 0")
         gains = dataclasses.replace(gains, zmp=(0.0, 0.0), standing_zmp=(0.0, 0.0))
     control = Control(
         gains=gains,
@@ -381,7 +384,7 @@ def _setup(config: RobotConfig, robot: Robot, pattern: Pattern) -> Setup:
         control=control,
         physics=config.physics,
         seed=config.seed,
-        notes=("nothing feels the ground: the law has k_p = 0",) if blind else (),
+        notes=tuple(notes),
     )
 
 
@@ -428,7 +431,7 @@ def regular_gait(config: WalkConfig, robot: Robot) -> Gait:
         raise ParameterError(f"gait.{error}" if about_gait else str(error)) from None
 
 
-def _dancing(setup: Setup, config: WalkConfig | DanceConfig, prefix: str) -> Setup:
+def _dancing(setup: Setup, config: Any, prefix: str) -> Setup:
     """Return a setup with the motion of the upper body, within the robot's limits.
 
     The blends of a file are checked; a built-in dance is made to fit.
@@ -438,13 +441,13 @@ def _dancing(setup: Setup, config: WalkConfig | DanceConfig, prefix: str) -> Set
         return setup
     clip = _clip(robot, config, prefix)
     limits, end = robot.joint_limits, setup.pattern.duration - _REST
-    known = is_motion_file(_option(config, "motion"))
+    known = is_motion_file(config.motion)
     embedded = embed_in(
         clip,
         robot.home_angles,
         start=_REST,
         stop=end if clip.loops else min(end, _REST + clip.duration),
-        blend=_option(config, prefix + "blend"),
+        blend=getattr(config, prefix + "blend"),
         limits=limits if known else None,
     )
     embedded, notes = (embedded, clip.repairs) if known else fitted(embedded, limits)
@@ -453,15 +456,11 @@ def _dancing(setup: Setup, config: WalkConfig | DanceConfig, prefix: str) -> Set
     return dataclasses.replace(setup, motion=embedded, notes=(*setup.notes, *notes))
 
 
-def _option(config: WalkConfig | DanceConfig, name: str) -> Any:
-    return getattr(config, name)
-
-
-def _clip(robot: Robot, config: WalkConfig | DanceConfig, prefix: str) -> Motion:
+def _clip(robot: Robot, config: Any, prefix: str) -> Motion:
     """Return the motion that a robot can play; that of a file is within its limits."""
-    source = _option(config, "motion")
-    factors = [_option(config, prefix + name) for name in ("scale", "speed")]
-    given = {n: _option(config, prefix + n) for n in ("amplitude", "frequency")}
+    source = config.motion
+    factors = [getattr(config, prefix + name) for name in ("scale", "speed")]
+    given = {n: getattr(config, prefix + n) for n in ("amplitude", "frequency")}
     given = {name: value for name, value in given.items() if value is not None}
     home, dancing = robot.home_angles, robot.upper_body
     if not is_motion_file(source):

@@ -399,7 +399,9 @@ def test_a_scene_is_stripped_to_its_robot(tmp_path):
     assert file.speed == {"l_hip": 7.0}
     assert file.torque == {"l_hip": 30.0, "r_hip": 5.0}
     assert model.geom_contype.tolist() == [1, 0, 1]
-    assert len(file.notes) == 2
+    assert file.notes == ()
+    around = file.around.spec.compile()
+    assert [around.body(i).name for i in range(around.nbody)] == ["world", "ball"]
 
 
 def test_a_fixed_robot_is_set_free_with_its_keyframes(tmp_path):
@@ -450,6 +452,9 @@ def test_an_mjcf_far_away_is_brought_back_with_its_keyframes(tmp_path):
     assert model.qpos0[:3].tolist() == [0, 0, 0]
 
 
+ALONE = re.sub(r'<body name="ball".*?</body>', "", MJCF.split("<sensor>")[0])
+"""The robot on a floor, with nothing else around it."""
+ALONE += "{more}</mujoco>"
 TETRAHEDRON = (
     '<asset><mesh name="t" file="t.obj" scale="2 2 2" refpos="0.1 0 0"/>'
     '<mesh file="gone.stl"/></asset>'
@@ -471,7 +476,7 @@ def test_meshes_of_an_mjcf(tmp_path, geometry, inertial):
         f'{FREE}{inertial}<geom type="mesh" mesh="t" pos="1 2 3" euler="0 0 90"/>'
         '<geom type="mesh" mesh="gone" mass="0"/>'
     )
-    text = MJCF.format(free=geom, more=TETRAHEDRON)
+    text = ALONE.format(free=geom, more=TETRAHEDRON)
     file = read(tmp_path, text, "scene.xml", geometry=geometry)
     model = file.spec.compile()
     assert model.nmesh == int(geometry)
@@ -488,7 +493,7 @@ def test_meshes_that_mujoco_cannot_read_are_dropped(tmp_path):
     """They are not even opened without geometry, if they give no inertia."""
     written(tmp_path, "solid text", "t.obj")
     geom = f'{FREE}<geom type="mesh" mesh="t" mass="0"/>'
-    text = MJCF.format(free=geom, more=TETRAHEDRON)
+    text = ALONE.format(free=geom, more=TETRAHEDRON)
     assert not any('"t"' in note for note in read(tmp_path, text, "r.xml").notes)
     file = read(tmp_path, text, "r.xml", geometry=True)
     assert file.spec.compile().nmesh == 0

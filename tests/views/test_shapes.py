@@ -29,8 +29,8 @@ def volume_of(vertices, faces):
 def model_of(geoms):
     """Return a model of a single body."""
     return mujoco.MjModel.from_xml_string(
-        f"<mujoco><worldbody><geom type='plane' size='1 1 1'/><body pos='1 2 3'>"
-        f"{geoms}</body></worldbody></mujoco>"
+        "<mujoco><worldbody><geom name='comwalk_floor' type='plane' size='1 1 1'/>"
+        f"<body pos='1 2 3'>{geoms}</body></worldbody></mujoco>"
     )
 
 
@@ -102,3 +102,26 @@ def test_a_heavy_mesh_becomes_coarser_within_its_lattice():
     np.testing.assert_allclose(radius, 0.03, atol=2e-3)
     volume = volume_of(shape.vertices, shape.faces)
     assert volume == pytest.approx(4 / 3 * math.pi * 0.03**3, rel=0.05)
+
+
+def test_planes_and_height_fields_are_surfaces():
+    """Looking up, as high as MuJoCo has them; the level floor is left to the page."""
+    model = mujoco.MjModel.from_xml_string(
+        "<mujoco><asset><hfield name='h' nrow='2' ncol='3' size='1 2 0.6 0.1' "
+        "elevation='0 0.5 1  0 0 0'/></asset><worldbody>"
+        "<geom name='comwalk_floor' type='plane' size='0 0 1'/>"
+        "<geom type='plane' size='3 4 1' pos='0 0 1' rgba='1 0 0 1'/>"
+        "<geom type='hfield' hfield='h' pos='5 0 2'/></worldbody></mujoco>"
+    )
+    data, hit = mujoco.MjData(model), np.zeros(1, np.int32)
+    mujoco.mj_forward(model, data)
+    plane, field = shapes_of(model)
+    assert np.ptp(plane.vertices, axis=0).tolist() == [6, 8, 0]
+    for shape in (plane, field):
+        a, b, c = shape.vertices[shape.faces].transpose(1, 0, 2)
+        assert (np.cross(b - a, c - a)[:, 2] > 0).all()
+    for place in field.vertices:
+        start = np.array([*(place[:2] * [1, 1] + 1e-6 * ([5, 0] - place[:2])), 9.0])
+        down = np.array([0.0, 0.0, -1.0])
+        away = mujoco.mj_ray(model, data, start, down, None, True, -1, hit)
+        assert 9.0 - away == pytest.approx(place[2], abs=1e-4)

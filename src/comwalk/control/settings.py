@@ -45,6 +45,10 @@ class SimulatorSettings:
 
     timestep: float = setting(0.001, "Physics step", "s", "[1e-4, 0.005]")
     friction: float = setting(1.0, "Sliding friction of the floor", "", "[0, 10]")
+    scene: bool = setting(
+        True,
+        "Whether what the robot's file holds around it is there; else a level floor",
+    )
     terrain: float = setting(
         0.0,
         "Height of the highest of the random boxes that make the floor rough; 0 is a "

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from .kinematic_tree import Skeleton as Skeleton
     from .kinematics import Kinematics as Kinematics
     from .kinematics import carried as carried
+    from .loaders import World as World
     from .model import LEGS as LEGS
     from .model import Foot as Foot
     from .model import Robot as Robot

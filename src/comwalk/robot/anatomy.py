@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import takewhile
 
 import mujoco
@@ -54,6 +54,8 @@ class Anatomy:
     """Joints whose servos are comwalk's, not the file's."""
     marked: bool = False
     """Whether the file marks all this itself."""
+    solid: Mapping[str, tuple[int, int]] = field(default_factory=dict)
+    """Contype and conaffinity that shapes had before all but the soles were muted."""
     notes: tuple[str, ...] = ()
     """What a user should know, a line each."""
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import mujoco
@@ -64,8 +65,9 @@ def mark(file: ModelFile, profile: Profile | None = None) -> Anatomy:
     notes = [replaced_actuators(spec)]
     _lock(spec, zero, anatomy.locked, profile.home)
     _drop_what_drives(spec)
-    _mute(spec)
+    solid = _mute(spec)
     _add_frames(spec, zero, anatomy)
+    solid |= _soles_like(spec, anatomy, solid)
     _turn_base(spec, zero, anatomy.forward)
     couple_in_physics(spec, anatomy.coupled)
     model = compile_model(spec, name)
@@ -89,9 +91,8 @@ def mark(file: ModelFile, profile: Profile | None = None) -> Anatomy:
     mass = float(model.body_subtreemass[model.jnt_bodyid[0]])
     notes.append(soft_servos(design, anatomy, own, mass))
     made = tuple(j for j in gains if j not in own and gains[j] == design.gains[j])
-    return replace(
-        anatomy, designed=made, notes=(*anatomy.notes, *(n for n in notes if n))
-    )
+    notes = [*anatomy.notes, *(note for note in notes if note)]
+    return replace(anatomy, designed=made, solid=solid, notes=tuple(notes))
 
 
 def compile_model(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
@@ -192,12 +193,31 @@ def _drop_what_drives(spec: mujoco.MjSpec) -> None:
             spec.delete(element)
 
 
-def _mute(spec: mujoco.MjSpec) -> None:
-    """Disable all collisions; the soles, added later, are the only contacts."""
+def _mute(spec: mujoco.MjSpec) -> dict[str, tuple[int, int]]:
+    """Disable all collisions; the soles, added later, are the only contacts.
+
+    Returns:
+        Contype and conaffinity of the shapes that collided, by name.
+    """
+    types = {geom.name: (geom.contype, geom.conaffinity) for geom in spec.geoms}
     for geom in spec.geoms:
         geom.contype, geom.conaffinity = 0, 0
     for pair in list(spec.pairs):
         spec.delete(pair)
+    return {name: own for name, own in types.items() if any(own)}
+
+
+def _soles_like(
+    spec: mujoco.MjSpec, anatomy: Anatomy, solid: Mapping[str, tuple[int, int]]
+) -> dict[str, tuple[int, int]]:
+    """Return contype and conaffinity of the soles: those that their feet had."""
+    found = {}
+    for sole in anatomy.soles.values():
+        geoms = spec.body(sole.body).geoms
+        own = [solid[geom.name] for geom in geoms if geom.name in solid] or [(1, 1)]
+        contype, conaffinity = np.bitwise_or.reduce(own).tolist()
+        found |= {g.name: (contype, conaffinity) for g in geoms if g.contype}
+    return found
 
 
 def couple_in_physics(spec: mujoco.MjSpec, mimics: Iterable[Mimic]) -> None:
@@ -384,3 +404,59 @@ def torque_limits(model: mujoco.MjModel, torque: Mapping[str, float]) -> np.ndar
     names = [model.joint(k).name for k in range(1, model.njnt)]
     limits = np.array([torque.get(name, np.inf) for name in names])
     return np.where(limits > 0.0, limits, np.inf)
+
+
+def home_of(model: mujoco.MjModel, path: Path, profile: Profile) -> np.ndarray:
+    """Return the configuration of the keyframe "walk", or of the first one.
+
+    Args:
+        model: The compiled model.
+        path: Its file, for messages.
+        profile: Angles that are to be otherwise.
+
+    Returns:
+        MuJoCo's qpos, of shape (7 + joints,).
+
+    Raises:
+        ModelError: If there is no keyframe, or a joint in it is out of its range.
+    """
+    names = [model.key(i).name for i in range(model.nkey)]
+    if not names:
+        raise ModelError(
+            f'robot {path} has no keyframe: add <key name="walk" qpos="..."/> with '
+            "bent knees"
+        )
+    name = "walk" if "walk" in names else names[0]
+    q = model.key_qpos[names.index(name)].copy()
+    if not np.isfinite(q).all():
+        raise ModelError(
+            f'robot {path}: keyframe "{name}" holds something that is no number'
+        )
+    if profile.home:
+        q, name = _with_angles(model, q, profile), "walk of the profile"
+    low, high = model.jnt_range[1:, 0] - 1e-6, model.jnt_range[1:, 1] + 1e-6
+    past = (model.jnt_limited[1:] > 0) & ((q[7:] < low) | (q[7:] > high))
+    if past.any():
+        j = int(np.flatnonzero(past)[0])
+        raise ModelError(
+            f'robot {path}: keyframe "{name}" has joint "{model.joint(j + 1).name}" at '
+            f"{q[7 + j]:.4g} rad, outside its range [{low[j]:.4g}, {high[j]:.4g}]"
+        )
+    return q
+
+
+def _with_angles(model: mujoco.MjModel, q: np.ndarray, profile: Profile) -> np.ndarray:
+    """Return a configuration with other angles, its lower sole as high as before."""
+    data, sites = mujoco.MjData(model), []
+    q, sites = q.copy(), [model.site(f"{s.value[0]}_sole").id for s in Side]
+
+    def lowest() -> float:
+        data.qpos[:] = q
+        mujoco.mj_kinematics(model, data)
+        return float(data.site_xpos[sites, 2].min())
+
+    before = lowest()
+    for joint, angle in profile.home.items():
+        q[model.joint(joint).qposadr[0]] = angle
+    q[2] += before - lowest()
+    return q

@@ -48,7 +48,7 @@ def links_in(robot: Robot, model: Any) -> np.ndarray:
 
     Args:
         robot: The robot.
-        model: Compiled model of the scene, whose joints are the robot's.
+        model: Compiled model of the scene, whose first joints are the robot's.
 
     Returns:
         New records of `LINK`.
@@ -66,17 +66,17 @@ def _at_zero(robot: Robot) -> Kinematics:
 
 def _links(robot: Robot, zero: Kinematics) -> tuple[np.ndarray, np.ndarray]:
     """Return the records of all links, and the link of each body."""
-    m, links = robot.model, records(LINK, robot.model.njnt)
-    link_of = np.zeros(m.nbody, dtype=np.int64)
-    for body in range(1, m.nbody):
+    m, n = robot.model, 1 + len(robot.joints)
+    links, link_of = records(LINK, n), np.zeros(m.nbody, dtype=np.int64)
+    for body in np.flatnonzero(m.body_rootid == robot.base_body).tolist():
         link, first = int(link_of[m.body_parentid[body]]), int(m.body_jntadr[body])
         for joint in range(max(first, 1), first + int(m.body_jntnum[body])):
             links["parent"][joint], link = link, joint
         link_of[body] = link
-    anchors = zero.data.xanchor
+    anchors, axes = zero.data.xanchor[:n], zero.data.xaxis[:n]
     links["offset"] = anchors - anchors[links["parent"]]
-    links["axis"][1:], links["zero"][1:] = zero.data.xaxis[1:], m.qpos0[7:]
-    links["kind"][1:] = [_kind(robot, zero, j) for j in range(1, m.njnt)]
+    links["axis"][1:], links["zero"][1:] = axes[1:], m.qpos0[7 : 6 + n]
+    links["kind"][1:] = [_kind(robot, zero, j) for j in range(1, n)]
     for body in np.flatnonzero(m.body_rootid == robot.base_body):
         k, share = link_of[body], m.body_mass[body] / robot.mass
         links["mass"][k] += share

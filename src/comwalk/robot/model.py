@@ -23,9 +23,9 @@ from ..errors import ModelError, ParameterError, checked_number
 from ..sides import Side
 from .anatomy import Anatomy
 from .annotated import Role, find_roles, is_marked, read_marks
-from .annotation import compile_model, couple_in_physics, coupling_of, mark
+from .annotation import compile_model, couple_in_physics, coupling_of, home_of, mark
 from .kinematic_tree import Skeleton
-from .loaders import ModelFile, profile_of_known, read_model
+from .loaders import ModelFile, World, place_world, profile_of_known, read_model
 from .mimic import Coupling
 from .profile import Profile, ServoGains, check_names, read_profile
 from .servos import Gains, set_gains, set_torque, suit_servos
@@ -125,6 +125,8 @@ class Robot:
     """What its profile says, and what it walks with by default."""
     actuation: Actuation = Actuation.POSITION
     """What its joints take."""
+    world: World | None = None
+    """What its file holds around it; None for a level floor at most."""
 
     @property
     def servos(self) -> JointServos | None:
@@ -259,7 +261,7 @@ def load_robot(
     marked = is_marked(file.spec)
     anatomy = _read_marked(file, told) if marked else mark(file, told)
     model = compile_model(file.spec, f"robot {file.path}")
-    home = _home(model, file.path, told if marked else Profile())
+    home = home_of(model, file.path, told if marked else Profile())
     wanted = None if actuation is None else Actuation(actuation)
     takes, anatomy = suit_servos(file.spec, model, anatomy, home, pd, wanted)
     for actuator in file.spec.actuators:
@@ -334,7 +336,7 @@ def _robot_of(
     model, path = compile_model(file.spec, f"robot {file.path}"), file.path
     joints = tuple(model.joint(i).name for i in range(1, model.njnt))
     limbs, ends = _find_limbs(model, anatomy)
-    home = _home(model, path, profile if anatomy.marked else Profile())
+    home = home_of(model, path, profile if anatomy.marked else Profile())
     servo = _read_servo(model, joints, path)
     ranges = np.where(
         model.jnt_limited[1:, None] > 0, model.jnt_range[1:], [[-np.inf, np.inf]]
@@ -344,6 +346,8 @@ def _robot_of(
     coupling = coupling_of(model, anatomy.coupled)
     if coupling is not None:
         limits = coupling.limits(*limits)
+    world = _world_of(file, anatomy)
+    notes = (*file.notes, *anatomy.notes, *([] if world is None else [world.note]))
     return Robot(
         name=file.name,
         spec=file.spec,
@@ -360,11 +364,21 @@ def _robot_of(
         home=home,
         anatomy=anatomy,
         roles=find_roles(model, home, anatomy),
-        notes=(*file.notes, *anatomy.notes),
+        notes=notes,
         coupling=coupling,
         profile=profile,
         actuation=actuation,
+        world=world,
     )
+
+
+def _world_of(file: ModelFile, anatomy: Anatomy) -> World | None:
+    """Return what a file holds around its robot, as the robot sees it."""
+    if file.around is None:
+        return None
+    forward = None if anatomy.marked else anatomy.forward
+    soles = [(sole.body, sole.position) for sole in anatomy.soles.values()]
+    return place_world(file.around, forward, soles)
 
 
 def _read_foot(model: mujoco.MjModel, side: Side, anatomy: Anatomy) -> Foot:
@@ -449,47 +463,3 @@ def _read_servo(model: mujoco.MjModel, joints: Iterable[str], path: Path) -> Ser
 def _torque_limits(model: mujoco.MjModel, servo: Servo) -> np.ndarray:
     limited = model.actuator_forcelimited[servo.actuators] > 0
     return np.where(limited, model.actuator_forcerange[servo.actuators, 1], np.inf)
-
-
-def _home(model: mujoco.MjModel, path: Path, profile: Profile) -> np.ndarray:
-    """Return the configuration of the keyframe "walk", or of the first one."""
-    names = [model.key(i).name for i in range(model.nkey)]
-    if not names:
-        raise ModelError(
-            f'robot {path} has no keyframe: add <key name="walk" qpos="..."/> with '
-            "bent knees"
-        )
-    name = "walk" if "walk" in names else names[0]
-    q = model.key_qpos[names.index(name)].copy()
-    if not np.isfinite(q).all():
-        raise ModelError(
-            f'robot {path}: keyframe "{name}" holds something that is no number'
-        )
-    if profile.home:
-        q, name = _with_angles(model, q, profile), "walk of the profile"
-    low, high = model.jnt_range[1:, 0] - 1e-6, model.jnt_range[1:, 1] + 1e-6
-    past = (model.jnt_limited[1:] > 0) & ((q[7:] < low) | (q[7:] > high))
-    if past.any():
-        j = int(np.flatnonzero(past)[0])
-        raise ModelError(
-            f'robot {path}: keyframe "{name}" has joint "{model.joint(j + 1).name}" at '
-            f"{q[7 + j]:.4g} rad, outside its range [{low[j]:.4g}, {high[j]:.4g}]"
-        )
-    return q
-
-
-def _with_angles(model: mujoco.MjModel, q: np.ndarray, profile: Profile) -> np.ndarray:
-    """Return a configuration with other angles, its lower sole as high as before."""
-    data, sites = mujoco.MjData(model), []
-    q, sites = q.copy(), [model.site(f"{s.value[0]}_sole").id for s in Side]
-
-    def lowest() -> float:
-        data.qpos[:] = q
-        mujoco.mj_kinematics(model, data)
-        return float(data.site_xpos[sites, 2].min())
-
-    before = lowest()
-    for joint, angle in profile.home.items():
-        q[model.joint(joint).qposadr[0]] = angle
-    q[2] += before - lowest()
-    return q

@@ -162,7 +162,7 @@ def _robot_figures(log: Log, robot: Robot) -> dict[str, Any]:
     """Return the figures that only a robot with soles and joints has."""
     margins = 1e3 * sole_margins(log, robot)
     margins = margins if len(margins) else np.array([np.nan])
-    speed = np.abs(log["qvel"][:, 6:]) / robot.speed
+    speed = np.abs(log["qvel"][:, 6 : robot.model.nv]) / robot.speed
     torque = np.abs(log["torques_true"]) / robot.torque
     saturated = (torque >= 0.999).any(axis=1)
     return {

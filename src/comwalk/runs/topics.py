@@ -203,7 +203,7 @@ def _transforms(robot: Robot) -> Stream:
         n = len(rows["qpos"])
         points, turns = np.empty((n, model.nbody, 3)), np.empty((n, model.nbody, 4))
         for k, configuration in enumerate(rows["qpos"]):
-            data.qpos[:] = configuration
+            data.qpos[:] = configuration[: model.nq]
             mujoco.mj_kinematics(model, data)
             points[k], turns[k] = data.xpos, data.xquat
         seen = _seen_from(

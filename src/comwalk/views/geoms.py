@@ -14,6 +14,8 @@ import mujoco
 import numpy as np
 
 from ..robot.loaders import rotation_of
+from ..walking import FLOOR
+from .scene_data import of_robot
 
 _GEOM = mujoco.mjtGeom
 _DRAWN = {
@@ -21,10 +23,13 @@ _DRAWN = {
     for kind in (
         *(_GEOM.mjGEOM_SPHERE, _GEOM.mjGEOM_CAPSULE, _GEOM.mjGEOM_ELLIPSOID),
         *(_GEOM.mjGEOM_CYLINDER, _GEOM.mjGEOM_BOX, _GEOM.mjGEOM_MESH),
+        *(_GEOM.mjGEOM_PLANE, _GEOM.mjGEOM_HFIELD),
     )
 }
 _VISIBLE_GROUPS = 3  # MuJoCo shows geoms of the groups below
 _ROUND = 20  # corners of a circle
+_WIDE = 10.0  # half length of a plane without end [m]
+_FINEST = 100  # points along each side of a height field
 _MANY = 40_000  # triangles above which a robot is made coarser
 _COARSE, _FINE = 2e-3, 1e-4  # lattice whose cells have one vertex each [m]
 _STEPS = 2.0**13  # of a vertex, per m: few bytes in a page
@@ -50,8 +55,8 @@ class Shape(NamedTuple):
 def shapes_of(model: mujoco.MjModel) -> list[Shape]:
     """Return the visible shapes of a model.
 
-    A robot without visual shapes shows those that it touches with. Planes and height
-    fields are left out.
+    A robot without visual shapes shows those that it touches with. The level floor is
+    left out, as pages have their own.
 
     Args:
         model: A compiled model.
@@ -75,8 +80,10 @@ def shapes_of(model: mujoco.MjModel) -> list[Shape]:
 def _seen(model: mujoco.MjModel) -> list[int]:
     """Return the geoms to draw: visual ones, or all of a robot that has none."""
     drawn = np.isin(model.geom_type, list(_DRAWN))
+    floor = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR)
+    drawn &= np.arange(model.ngeom) != floor
     visual = drawn & (model.geom_group < _VISIBLE_GROUPS)
-    robot = model.geom_bodyid > 0
+    robot = of_robot(model)[model.geom_bodyid]
     seen = visual if (visual & robot).any() else visual | (drawn & robot)
     return np.flatnonzero(seen).tolist()
 
@@ -113,6 +120,14 @@ def _triangles(model: mujoco.MjModel, geom: int, cell: float) -> _Triangles:
         return _mesh(model, int(model.geom_dataid[geom]), cell)
     if kind == _GEOM.mjGEOM_BOX:
         return _box(a, b, c)
+    if kind == _GEOM.mjGEOM_PLANE:
+        return _field(a or _WIDE, b or _WIDE, np.zeros((2, 2)))
+    if kind == _GEOM.mjGEOM_HFIELD:
+        k = int(model.geom_dataid[geom])
+        (a, b, c, _), start = model.hfield_size[k].tolist(), int(model.hfield_adr[k])
+        shape = int(model.hfield_nrow[k]), int(model.hfield_ncol[k])
+        heights = model.hfield_data[start : start + shape[0] * shape[1]]
+        return _field(a, b, c * heights.reshape(shape))
     if kind == _GEOM.mjGEOM_CYLINDER:
         side = _revolved([(a, -b), (a, b)])
         return _joined(
@@ -142,6 +157,20 @@ def _box(a: float, b: float, c: float) -> _Triangles:
             ]
             corners += [sign * n + s for s in square]
     return np.array(corners) * (a, b, c), np.array(faces)
+
+
+def _field(a: float, b: float, heights: np.ndarray) -> _Triangles:
+    """Return the surface of heights [m], (rows, columns), over 2 a by 2 b [m]."""
+    rows, columns = (max(2, min(n, _FINEST)) for n in heights.shape)
+    i = np.linspace(0, len(heights) - 1, rows).round().astype(int)
+    j = np.linspace(0, heights.shape[1] - 1, columns).round().astype(int)
+    x = a * (2.0 * j / (heights.shape[1] - 1) - 1.0)
+    y = b * (2.0 * i / (len(heights) - 1) - 1.0)
+    grid = np.stack([*np.meshgrid(x, y), heights[np.ix_(i, j)]], axis=-1)
+    corner = (np.arange(rows - 1)[:, None] * columns + np.arange(columns - 1)).ravel()
+    right, back = corner + 1, corner + columns
+    faces = [(corner, right, back + 1), (corner, back + 1, back)]
+    return grid.reshape(-1, 3), np.concatenate([np.stack(f, axis=1) for f in faces])
 
 
 def _revolved(profile: np.ndarray | list[tuple[float, float]]) -> _Triangles:

@@ -65,7 +65,7 @@ def draw_portrait(
         if name in names:
             _draw_axes(spec, name, 0.12 * size)
     _draw_com(spec, robot, com, size)
-    scene = build_scene(replace(robot, spec=spec), SimulatorSettings())
+    scene = build_scene(replace(robot, spec=spec), SimulatorSettings(scene=False))
     return still(scene, robot.home, path, view=view or VIEW)
 
 

@@ -25,7 +25,14 @@ from ..runs import Source
 from ..settings import check_settings, setting
 from ..sides import Side
 from .gl import no_opengl, open_context
-from .scene_data import highest_box, scene_of, seen_of, sole_box
+from .scene_data import (
+    highest_box,
+    of_robot,
+    scene_of,
+    seen_of,
+    sole_box,
+    whole_state,
+)
 from .video import FILMS, check_film, mp4_writer
 
 
@@ -116,7 +123,7 @@ def still(
 
     Args:
         model: A compiled scene, such as `build_scene` returns.
-        qpos: MuJoCo's configuration, of shape (nq,).
+        qpos: MuJoCo's configuration, of shape (nq,), or the robot's part of it.
         path: Where to write the picture; not written if None.
         view: Camera and size; shadows and smooth edges if None.
 
@@ -127,7 +134,7 @@ def still(
         RenderError: If this machine cannot draw.
         RunError: If the file cannot be written.
     """
-    q = np.asarray(qpos, dtype=float)[None]
+    q = whole_state(model, qpos)[None]
     nothing = np.zeros((1, 3))
     recording = _Recording(model, np.zeros(1), q, nothing, nothing, (), q[:, :2])
     view = view or View(shadows=True, smooth=2, overlays=False)
@@ -390,8 +397,8 @@ def _height(model: mujoco.MjModel, data: mujoco.MjData, qpos: np.ndarray) -> flo
     """Return the height of the standing robot [m]."""
     data.qpos[:] = qpos
     mujoco.mj_kinematics(model, data)
-    moving = model.geom_bodyid > 0
-    return max(0.1, float(data.geom_xpos[moving, 2].max()) + 0.08)
+    own = of_robot(model)[model.geom_bodyid]
+    return max(0.1, float(data.geom_xpos[own, 2].max()) + 0.08)
 
 
 _COLORS = {

@@ -22,9 +22,10 @@ from ..errors import checked_number
 from ..pattern import FootstepPlan, Phase, convex_hull, foot_poses, rectangle
 from ..runs import Moment, RunData
 from ..sides import Side
+from ..walking import FLOOR
 from .geoms import shapes_of
 from .page_server import open_server
-from .scene_data import highest_box, scene_of, sole_box
+from .scene_data import highest_box, scene_of, sole_box, whole_state
 
 if TYPE_CHECKING:
     import viser
@@ -73,7 +74,7 @@ class Stage:
         Args:
             server: Where to build it; what was there stays.
             model: A compiled scene with a robot, such as `build_scene` returns.
-            qpos: Where the robot stands at first, of shape (nq,).
+            qpos: Where the robot stands at first, as `whole_state` takes it.
             plan: Footsteps to draw on the floor.
             opacity: How opaque the robot is, in (0, 1]; less lets the CoM be seen.
         """
@@ -85,7 +86,7 @@ class Stage:
         base = int(model.jnt_bodyid[0])
         self._weight = float(model.body_subtreemass[base])
         self._weight *= float(np.linalg.norm(model.opt.gravity))
-        self._data.qpos[:] = qpos
+        self._data.qpos[:] = whole_state(model, qpos)
         mujoco.mj_kinematics(model, self._data)
         mujoco.mj_comPos(model, self._data)
         self.height = max(0.1, float(self._data.subtree_com[base, 2]))
@@ -94,7 +95,8 @@ class Stage:
         self._poses = np.zeros((model.nbody, 7))
         self.layers: dict[str, Any] = {}
         """What can be hidden, by name: the nodes that hold it."""
-        self._add_floor(qpos)
+        if mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, FLOOR) >= 0:
+            self._add_floor(qpos)
         self._add_marks()
         if plan is not None:
             self.draw_plan(plan)

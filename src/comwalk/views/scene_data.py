@@ -15,7 +15,7 @@ from ..pattern import FootstepPlan
 from ..robot import load_robot
 from ..runs import RunData, Source, data_of
 from ..sides import Side
-from ..walking import build_scene
+from ..walking import BEGIN, TERRAIN_BIT, build_scene
 
 _SEEN = ("t", "phase", "com", "com_ref", "zmp_filtered", "zmp_ref", "wrenches")
 
@@ -78,7 +78,9 @@ def model_with_meshes(
     Returns:
         The scene with meshes; the model itself if the robot is not found any more.
     """
-    if model.nmesh:
+    silent = (model.geom_contype | model.geom_conaffinity) == 0
+    meshes = model.geom_type == int(mujoco.mjtGeom.mjGEOM_MESH)
+    if (silent & meshes & of_robot(model)[model.geom_bodyid]).any():
         return model
     config = settings.get("config") or {}
     try:
@@ -97,6 +99,34 @@ def model_with_meshes(
     return model
 
 
+def of_robot(model: mujoco.MjModel) -> np.ndarray:
+    """Return which bodies are the robot's, and not what is around it.
+
+    Args:
+        model: A compiled scene.
+
+    Returns:
+        True or false, of shape (nbody,).
+    """
+    return np.isin(model.body_rootid, model.jnt_bodyid[:1])
+
+
+def whole_state(model: mujoco.MjModel, qpos: np.ndarray) -> np.ndarray:
+    """Return the configuration of a scene whose robot stands somewhere.
+
+    Args:
+        model: A compiled scene.
+        qpos: The robot's configuration, or the whole, of shape (nq,).
+
+    Returns:
+        The whole, of shape (nq,): what is around the robot is where it begins.
+    """
+    key = mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_KEY, BEGIN)
+    whole = np.array(model.qpos0 if key < 0 else model.key_qpos[key])
+    whole[: len(qpos)] = qpos
+    return whole
+
+
 def highest_box(model: mujoco.MjModel) -> float:
     """Return the height of the highest box of a rough floor [m], 0 without one.
 
@@ -106,7 +136,7 @@ def highest_box(model: mujoco.MjModel) -> float:
     Returns:
         The height above the floor.
     """
-    box = (model.geom_bodyid == 0) & (model.geom_type == int(mujoco.mjtGeom.mjGEOM_BOX))
+    box = (model.geom_bodyid == 0) & (model.geom_conaffinity == TERRAIN_BIT)
     tops = model.geom_pos[box, 2] + model.geom_size[box, 2]
     return float(tops.max(initial=0.0))
 

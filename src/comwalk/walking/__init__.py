@@ -11,6 +11,9 @@ if TYPE_CHECKING:
     from .mujoco_link import MujocoLink as MujocoLink
     from .mujoco_link import take_log as take_log
     from .mujoco_plant import SimulatedRobot as SimulatedRobot
+    from .mujoco_scene import BEGIN as BEGIN
+    from .mujoco_scene import FLOOR as FLOOR
+    from .mujoco_scene import TERRAIN_BIT as TERRAIN_BIT
     from .mujoco_scene import build_scene as build_scene
     from .whole_body import WholeBody as WholeBody
     from .whole_body import WholeBodyTicker as WholeBodyTicker

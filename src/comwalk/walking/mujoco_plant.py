@@ -20,7 +20,7 @@ from ..errors import ParameterError
 from ..pattern import FootstepPlan
 from ..robot import Robot, Skeleton
 from ..sides import Side
-from .mujoco_scene import ankle_readings, build_scene, imu_readings, trunk_body
+from .mujoco_scene import BEGIN, ankle_readings, build_scene, imu_readings, trunk_body
 from .sensor_model import SensorModel
 
 
@@ -115,29 +115,29 @@ class SimulatedRobot:
         Args:
             configuration: MuJoCo's qpos: base pose, then joint angles.
         """
-        mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[: len(configuration)] = configuration
+        self._reset(configuration)
         self._tick = 0
+
+    def _reset(self, configuration: np.ndarray) -> None:
+        key = mujoco.mj_name2id(self.model, mujoco.mjtObj.mjOBJ_KEY, BEGIN)
+        mujoco.mj_resetDataKeyframe(self.model, self.data, key)  # -1 is none
+        self.data.qpos[: len(configuration)] = configuration
 
     def start(self, command: Command) -> Sensors:
         """Settle the robot under a first command; return the first reading.
 
         What the settling leaves is the configuration alone, so that a replay from the
-        first recorded state has nothing to guess.
+        first recorded state has nothing to guess. What is around the robot waits.
         """
         self._sent.clear()
         self.data.ctrl[self._actuators] = command.positions
         if len(self.gains):
             self._hold_still()
         steps = round(_SETTLING / self.settings.timestep)
-        mujoco.mj_step(self.model, self.data, steps - steps // 2)
-        if len(self.gains):  # what takes torques is taken over at rest
-            self._average(self._substeps(steps // 2))
-        else:
-            mujoco.mj_step(self.model, self.data, steps // 2)
-        settled = self.data.qpos.copy()
-        mujoco.mj_resetData(self.model, self.data)
-        self.data.qpos[:] = settled
+        for _ in self._held(steps - steps // 2):
+            pass
+        self._average(self._held(steps // 2))
+        self._reset(self.data.qpos[: self.robot.model.nq].copy())
         if len(self.gains):
             self._take_torques(command)
         self.write(command)
@@ -254,6 +254,14 @@ class SimulatedRobot:
             mujoco.mj_step(self.model, self.data)
             yield self.data
 
+    def _held(self, count: int) -> Iterator[mujoco.MjData]:
+        """Simulate the robot alone: what else can move stays where it begins."""
+        nq, nv = self.robot.model.nq, self.robot.model.nv
+        around = self.data.qpos[nq:].copy(), self.data.qvel[nv:].copy()
+        for data in self._substeps(count):
+            data.qpos[nq:], data.qvel[nv:] = around
+            yield data
+
     def _average(self, states: Iterable[mujoco.MjData]) -> None:
         """Average ankle sensors, motors and ground forces over some states."""
         self.felt[:], self.ground[:], self.motors[:], count = 0.0, 0.0, 0.0, 0
@@ -282,8 +290,8 @@ class SimulatedRobot:
         return self.sensors.read(
             Sensors(
                 self._tick * self.period,
-                data.qpos[7:].copy(),
-                data.qvel[6:].copy(),
+                data.qpos[7 : self.robot.model.nq].copy(),
+                data.qvel[6 : self.robot.model.nv].copy(),
                 -self.felt,
                 *(s[part].copy() for part in self.imu),
                 self.motors.copy(),
@@ -344,6 +352,6 @@ def _bodies_of_feet(robot: Robot, model: mujoco.MjModel) -> np.ndarray:
     """Return the bodies of both feet, and which foot each is of, (n, 2)."""
     look, found = Skeleton(model, mujoco.MjData(model), robot.name), []
     for k, side in enumerate(Side):
-        foot = int(model.site_bodyid[robot.feet[side].site])
+        foot = int(model.site_bodyid[model.site(f"{side.value[0]}_sole_centre").id])
         found += [(int(body), k) for body in look.welded(foot)]
     return np.array(found)

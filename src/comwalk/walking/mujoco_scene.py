@@ -1,6 +1,12 @@
-"""The scene in MuJoCo that a robot walks in: floor, light, rough ground, payload."""
+"""The scene in MuJoCo that a robot walks in: floor, light, rough ground, payload.
+
+What the robot's file holds around it comes last, so that the robot's joints, actuators
+and sensors have the places that they have in the robot alone.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import mujoco
 import numpy as np
@@ -8,11 +14,14 @@ import numpy as np
 from ..control import SimulatorSettings
 from ..errors import ModelError, ParameterError
 from ..pattern import FootstepPlan
-from ..robot import Robot
+from ..robot import Robot, World
 from ..sides import Side
 from .terrain import CELL, Terrain, random_terrain
 
-_FLOOR = "comwalk_floor"
+FLOOR = "comwalk_floor"
+"""Name of the floor, where there is no other ground."""
+BEGIN = "comwalk_begin"
+"""Name of the keyframe in which what is around a robot begins, if something is."""
 # By default MuJoCo's dry friction creeps: a servo's error would be gone in 0.3 s.
 _STICKING = (0.004, 1.0), (0.99, 0.999, 0.001, 0.5, 2.0)  # solref, solimp
 
@@ -84,7 +93,7 @@ def build_scene(
         plan: Where a rough floor is needed.
 
     Returns:
-        The compiled model. Its joints are in the order of the robot's.
+        The compiled model. The robot's joints come first, in their order.
 
     Raises:
         ParameterError: If a rough floor is wanted without a plan.
@@ -99,15 +108,10 @@ def build_scene(
     spec.option.integrator = mujoco.mjtIntegrator.mjINT_IMPLICITFAST
     spec.option.cone = mujoco.mjtCone.mjCONE_ELLIPTIC
     spec.option.impratio = 10.0
-    spec.worldbody.add_geom(
-        name=_FLOOR,
-        type=mujoco.mjtGeom.mjGEOM_PLANE,
-        size=[0, 0, 0.05],
-        material=_add_look(spec),
-        contype=1,
-        conaffinity=1,
-        friction=[settings.friction, 0.005, 0.0001],
-    )
+    world = robot.world if settings.scene else None
+    material = _add_look(spec)
+    if world is None or world.floor is not None:
+        _add_floor(spec, material, settings.friction)
     if settings.terrain:
         if plan is None:
             raise ParameterError("simulator.terrain needs a plan to lie under")
@@ -125,10 +129,85 @@ def build_scene(
             if settings.joint_friction:
                 joint.frictionloss += settings.joint_friction
                 joint.solref_friction[:], joint.solimp_friction[:] = _STICKING
+    if world is not None:
+        _add_world(spec, world, robot)
     return spec.compile()
 
 
-_BOX_BIT = 1 << 20  # of contype and conaffinity: soles against boxes
+_PREFIX = "world/"
+# Bits of contype and conaffinity: soles against the floor, and kinds of the robot's
+# shapes against what is around it, from the highest down.
+_SOLE_BIT, _KIND_BIT, _LAST_KIND = 1 << 30, 29, 21
+
+
+def _add_world(spec: mujoco.MjSpec, world: World, robot: Robot) -> None:
+    """Add what is around the robot; pictures keep the robot's size."""
+    things, alone = world.spec.copy(), robot.model
+    things.option, things.visual = spec.option, spec.visual  # two are a conflict
+    if world.floor is not None:
+        floor = spec.geom(FLOOR)
+        floor.contype, floor.conaffinity = world.floor
+    _let_touch(spec, things, robot.anatomy.solid)
+    frame = spec.worldbody.add_frame(
+        pos=world.position.tolist(), quat=world.quaternion.tolist()
+    )
+    drives = len(spec.actuators)
+    spec.attach(things, prefix=_PREFIX, frame=frame)
+    for ours, theirs in world.excluded:
+        spec.add_exclude(bodyname1=ours, bodyname2=_PREFIX + theirs)
+    spec.add_key(
+        name=BEGIN,
+        qpos=[*alone.qpos0, *world.qpos],
+        qvel=[*np.zeros(alone.nv), *world.qvel],
+        ctrl=[*np.zeros(drives), *world.ctrl],
+    )
+    spec.stat.extent, spec.stat.center = alone.stat.extent, alone.stat.center
+
+
+def _let_touch(
+    spec: mujoco.MjSpec,
+    things: mujoco.MjSpec,
+    solid: Mapping[str, tuple[int, int]],
+) -> None:
+    """Let shapes of the robot touch what is around it as the robot's file says.
+
+    Those that were muted, so that only soles touch the floor, get a bit for each kind
+    of contype and conaffinity that they had. Soles have priority over what they touch,
+    but not over what has priority itself. Marked models keep their own bits.
+    """
+    kinds: dict[tuple[int, int], int] = {}
+    for geom in spec.geoms:
+        if geom.name in solid:
+            bit = 1 << max(_KIND_BIT - len(kinds), _LAST_KIND)
+            bit = kinds.setdefault(solid[geom.name], bit)
+            geom.contype = geom.contype & ~1 | (_SOLE_BIT if geom.contype else 0) | bit
+    floor = spec.geom(FLOOR)
+    if floor is not None:
+        floor.contype |= 0 if solid else 1
+        floor.conaffinity |= _SOLE_BIT if solid else 1
+    for geom in things.geoms:
+        own = geom.contype, geom.conaffinity
+        geom.priority += bool(solid and geom.priority > 0)
+        for (contype, conaffinity), bit in kinds.items():
+            if contype & own[1] or own[0] & conaffinity:
+                geom.conaffinity |= bit
+
+
+def _add_floor(spec: mujoco.MjSpec, material: str, friction: float) -> None:
+    """Add the level floor."""
+    spec.worldbody.add_geom(
+        name=FLOOR,
+        type=mujoco.mjtGeom.mjGEOM_PLANE,
+        size=[0, 0, 0.05],
+        material=material,
+        contype=1,
+        conaffinity=1,
+        friction=[friction, 0.005, 0.0001],
+    )
+
+
+TERRAIN_BIT = 1 << 20
+"""Conaffinity of the boxes of a rough floor, which only soles touch."""
 _BOX_DEPTH = 0.05  # how far boxes go below the floor [m]
 
 
@@ -139,7 +218,7 @@ def _add_terrain(
     for site in ("l_sole", "r_sole"):
         for geom in spec.site(site).parent.geoms:
             if geom.contype or geom.conaffinity:
-                geom.contype |= _BOX_BIT
+                geom.contype |= TERRAIN_BIT
     side = CELL / 2
     for (x, y), height in zip(
         terrain.centers.tolist(), terrain.heights.tolist(), strict=True
@@ -152,7 +231,7 @@ def _add_terrain(
             size=[side, side, half],
             rgba=[light, light, light + 0.02, 1.0],
             contype=0,
-            conaffinity=_BOX_BIT,
+            conaffinity=TERRAIN_BIT,
             friction=[settings.friction, 0.005, 0.0001],
         )
 
@@ -220,7 +299,7 @@ def _add_look(spec: mujoco.MjSpec) -> str:
         width=512,
         height=512,
     )
-    material = spec.add_material(name=_FLOOR, texrepeat=[2.5, 2.5], texuniform=True)
+    material = spec.add_material(name=FLOOR, texrepeat=[2.5, 2.5], texuniform=True)
     material.textures[mujoco.mjtTextureRole.mjTEXROLE_RGB] = "comwalk_tiles"
     spec.worldbody.add_light(
         name="comwalk_sun",
@@ -228,4 +307,4 @@ def _add_look(spec: mujoco.MjSpec) -> str:
         dir=[0.25, 0.35, -1],
         diffuse=[0.5, 0.5, 0.5],
     ).type = mujoco.mjtLightType.mjLIGHT_DIRECTIONAL
-    return _FLOOR
+    return FLOOR

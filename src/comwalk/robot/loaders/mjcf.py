@@ -11,17 +11,30 @@ import mujoco
 import numpy as np
 
 from ...errors import ModelError, one_line
+from .mjcf_assets import (
+    delete_geoms,
+    drop_meshes,
+    drop_missing_heights,
+    drop_missing_meshes,
+    drop_missing_textures,
+    drop_textures,
+    drop_unused_looks,
+    mesh_path,
+    meshes_of,
+)
 from .mjcf_tree import whole_tree
 from .parts import LinkMesh, Mimic, ModelFile, first_of, resolve_mimics, rotation_of
+from .world import take_world
 
 _UNKNOWN = re.compile(r"unrecognized attribute: '([^']+)' Element '([^']+)'")
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _FREE = mujoco.mjtJoint.mjJNT_FREE
 _STAND_IN = "comwalk stand-in "
+_LEGS = 8  # joints that two legs have, at least
 
 
 def read_mjcf(root: ET.Element, path: Path, *, geometry: bool) -> ModelFile:
-    """Read an MJCF: the heaviest tree of bodies in its world is the robot.
+    """Read an MJCF: the heaviest tree of bodies with joints for two legs is the robot.
 
     Args:
         root: The element `mujoco`.
@@ -39,14 +52,25 @@ def read_mjcf(root: ET.Element, path: Path, *, geometry: bool) -> ModelFile:
     spec = _parse(root, path, notes)
     spec.compiler.fusestatic = spec.compiler.discardvisual = False
     _name_all(spec)
+    lost: list[str] = []
+    drop_missing_heights(spec, notes)
+    drop_missing_textures(spec, lost)
     outline = _outline(spec)
     meshes = _link_meshes(spec, outline)
+    base = _find_robot(spec, outline)
+    around = take_world(spec, outline, base.name, notes, geometry=geometry)
     for key in list(spec.keys):
         spec.delete(key)
-    base = _keep_robot(spec, outline, notes)
-    _drop_missing_meshes(spec, notes)
+    _keep_robot(spec, base, notes if around is None else [])
+    if around is not None:
+        drop_unused_looks(spec, sky=False)
+        for site in list(spec.worldbody.sites):
+            spec.delete(site)
+    drop_missing_meshes(spec, notes)
+    if geometry or around is not None:
+        notes += lost
     if not geometry:
-        _drop_meshes(spec)
+        drop_meshes(spec, notes, solid=around is None)
     _set_free(spec, outline, base, notes)
     bodies = {body.name for body in spec.bodies}
     return ModelFile(
@@ -59,6 +83,7 @@ def read_mjcf(root: ET.Element, path: Path, *, geometry: bool) -> ModelFile:
         meshes=tuple(mesh for mesh in meshes if mesh.body in bodies),
         notes=tuple(notes),
         is_urdf=False,
+        around=around,
     )
 
 
@@ -105,10 +130,6 @@ def _name_all(spec: mujoco.MjSpec) -> None:
                 element.name = name if name not in taken else f"{name}_of_comwalk"
 
 
-def _files(spec: mujoco.MjSpec) -> dict[str, mujoco.MjsMesh]:
-    return {m.name or Path(m.file).stem: m for m in spec.meshes if m.file}
-
-
 def _outline(spec: mujoco.MjSpec) -> mujoco.MjModel:
     """Return the model compiled without its files.
 
@@ -116,8 +137,8 @@ def _outline(spec: mujoco.MjSpec) -> mujoco.MjModel:
     mesh, so that frames, masses and keyframes are known before a file is read.
     """
     copy = spec.copy()
-    _drop_textures(copy)
-    meshes = _files(copy)
+    drop_textures(copy)
+    meshes = meshes_of(copy)
     for i, geom in enumerate(copy.geoms):
         if geom.meshname in meshes:
             geom.name = f"{_STAND_IN}{i}"
@@ -132,53 +153,42 @@ def _outline(spec: mujoco.MjSpec) -> mujoco.MjModel:
         raise ModelError(f"it does not compile: {one_line(error)}") from None
 
 
-def _drop_textures(spec: mujoco.MjSpec) -> None:
-    """Delete textures that come from files."""
-    dropped = set()
-    for texture in list(spec.textures):
-        if texture.file or any(texture.cubefiles):
-            dropped.add(texture.name or Path(texture.file).stem)
-            spec.delete(texture)
-    for material in spec.materials:
-        for i, name in enumerate(material.textures):
-            if name in dropped:
-                material.textures[i] = ""
-
-
-def _keep_robot(
-    spec: mujoco.MjSpec, outline: mujoco.MjModel, notes: list[str]
-) -> mujoco.MjsBody:
-    """Remove all but the heaviest tree from the world, and return its first body."""
-    world = spec.worldbody
-    trees = list(world.bodies)
+def _find_robot(spec: mujoco.MjSpec, outline: mujoco.MjModel) -> mujoco.MjsBody:
+    """Return the first body of the heaviest tree, of those with joints for two legs."""
+    trees = list(spec.worldbody.bodies)
     if not trees:
         raise ModelError("it has no bodies; is this a robot?")
-    mass = {b.name: outline.body_subtreemass[outline.body(b.name).id] for b in trees}
-    base = max(trees, key=lambda body: mass[body.name])
-    others = [body.name for body in trees if body is not base]
-    for body in trees:
-        if body is not base:
-            spec.delete(body)
+    roots = [outline.body(body.name).id for body in trees]
+    joints = np.bincount(outline.body_rootid, outline.body_jntnum, outline.nbody)
+    ranks = [(joints[k] >= _LEGS, outline.body_subtreemass[k]) for k in roots]
+    return trees[ranks.index(max(ranks))]
+
+
+def _keep_robot(spec: mujoco.MjSpec, base: mujoco.MjsBody, notes: list[str]) -> None:
+    """Remove all but the tree of a body from the world."""
+    world = spec.worldbody
+    others = [body.name for body in world.bodies if body.name != base.name]
+    for name in others:
+        spec.delete(spec.body(name))
     if others:
         notes.append(f"beside the robot in the world, dropped: {first_of(others)}")
     geoms = list(world.geoms)
     if geoms:
         notes.append(f"{len(geoms)} shapes fixed to the world dropped")
-    _delete_geoms(spec, geoms)
+    delete_geoms(spec, geoms)
     for light in list(world.lights):
         spec.delete(light)
-    return base
 
 
 def _link_meshes(spec: mujoco.MjSpec, outline: mujoco.MjModel) -> list[LinkMesh]:
     """Return the meshes of all bodies whose files exist."""
-    files, found = _files(spec), []
+    files, found = meshes_of(spec), []
     for i, geom in enumerate(spec.geoms):
         asset = files.get(geom.meshname)
         body = geom.parent.name
         if asset is None or geom.type != _MESH or body == "world":
             continue
-        file = _mesh_path(spec, asset)
+        file = mesh_path(spec, asset)
         if file.is_file():
             stand_in = outline.geom(f"{_STAND_IN}{i}")
             R, R_ref = _rotation(stand_in.quat), _rotation(asset.refquat)
@@ -197,11 +207,6 @@ def _link_meshes(spec: mujoco.MjSpec, outline: mujoco.MjModel) -> list[LinkMesh]
     return found
 
 
-def _mesh_path(spec: mujoco.MjSpec, mesh: mujoco.MjsMesh) -> Path:
-    name = Path(mesh.file).name if spec.strippath else mesh.file
-    return Path(spec.modelfiledir, mesh.compiler.meshdir, name)
-
-
 def _rotation(quaternion: np.ndarray) -> np.ndarray:
     unit = np.array(quaternion, dtype=float)
     return rotation_of(unit / np.linalg.norm(unit))
@@ -211,96 +216,6 @@ def _color(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> tuple[float, ...]:
     material = spec.material(geom.material) if geom.material else None
     rgba = geom.rgba if material is None else material.rgba
     return tuple(float(x) for x in rgba)
-
-
-def _delete_geoms(spec: mujoco.MjSpec, geoms: list[mujoco.MjsGeom]) -> None:
-    """Delete geoms, and the contact pairs and sensors that name them."""
-    names = {geom.name for geom in geoms} - {""}
-    is_geom = mujoco.mjtObj.mjOBJ_GEOM
-    for pair in list(spec.pairs):
-        if {pair.geomname1, pair.geomname2} & names:
-            spec.delete(pair)
-    for sensor in list(spec.sensors):
-        own = sensor.objtype == is_geom and sensor.objname in names
-        if own or (sensor.reftype == is_geom and sensor.refname in names):
-            spec.delete(sensor)
-    for geom in geoms:
-        spec.delete(geom)
-
-
-def _drop_missing_meshes(spec: mujoco.MjSpec, notes: list[str]) -> None:
-    """Drop the meshes that are not on disk; what needs their mass is at fault."""
-    missing = {
-        name: mesh
-        for name, mesh in _files(spec).items()
-        if not _mesh_path(spec, mesh).is_file()
-    }
-    geoms = [geom for geom in spec.geoms if geom.meshname in missing]
-    for geom in geoms:
-        if _gives_inertia(spec, geom):
-            raise ModelError(
-                f'body "{geom.parent.name}" has no <inertial>, and its mesh '
-                f"{_mesh_path(spec, missing[geom.meshname])} does not exist; add one"
-            )
-    _delete_geoms(spec, geoms)
-    for mesh in missing.values():
-        spec.delete(mesh)
-    if geoms:
-        names = [Path(mesh.file).name for mesh in missing.values()]
-        notes.append(f"{len(names)} mesh files not found: {first_of(names)}")
-
-
-def _drop_meshes(spec: mujoco.MjSpec) -> None:
-    """Drop all meshes from files; bodies keep the inertia that they had from them."""
-    _drop_textures(spec)
-    files = _files(spec)
-    needed, spare = [], []
-    for geom in spec.geoms:
-        if geom.meshname in files and geom.type == _MESH and not _is_named(spec, geom):
-            (needed if _gives_inertia(spec, geom) else spare).append(geom)
-    _delete_geoms(spec, spare)
-    _drop_unused_meshes(spec)
-    if needed:
-        _freeze_inertia(spec)
-        _delete_geoms(spec, needed)
-        _drop_unused_meshes(spec)
-
-
-def _gives_inertia(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> bool:
-    always = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE
-    if geom.parent.explicitinertial and spec.compiler.inertiafromgeom != always:
-        return False
-    return bool(geom.density if np.isnan(geom.mass) else geom.mass)
-
-
-def _is_named(spec: mujoco.MjSpec, geom: mujoco.MjsGeom) -> bool:
-    names = {n for pair in spec.pairs for n in (pair.geomname1, pair.geomname2)}
-    names |= {n for sensor in spec.sensors for n in (sensor.objname, sensor.refname)}
-    return bool(geom.name) and geom.name in names
-
-
-def _drop_unused_meshes(spec: mujoco.MjSpec) -> None:
-    """Delete the meshes that no geom uses, unless something soft may."""
-    used = {geom.meshname for geom in spec.geoms}
-    for name, mesh in _files(spec).items():
-        if name not in used and not spec.skins and not spec.flexes:
-            spec.delete(mesh)
-
-
-def _freeze_inertia(spec: mujoco.MjSpec) -> None:
-    """Write the inertia that each body gets from its geoms into the body itself."""
-    try:
-        model = spec.compile()
-    except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"it does not compile: {one_line(error)}") from None
-    for body in spec.bodies[1:]:
-        compiled = model.body(body.name)
-        body.explicitinertial = True
-        body.mass, body.inertia = float(compiled.mass[0]), compiled.inertia
-        body.ipos, body.iquat = compiled.ipos, compiled.iquat
-        body.fullinertia = np.full(6, np.nan)
-        body.ialt.type = mujoco.mjtOrientation.mjORIENTATION_QUAT
-    spec.compiler.inertiafromgeom = mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_AUTO
 
 
 def _set_free(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -46,6 +46,32 @@ class LinkMesh:
     """Red, green, blue, alpha in [0, 1] if the robot's file names a color."""
 
 
+Pose = tuple[np.ndarray, np.ndarray]
+"""Position [m], (3,), and rotation to the world, (3, 3)."""
+
+
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """A file without its robot, and how the robot stands in it."""
+
+    spec: mujoco.MjSpec
+    """What is beside the robot, in the file's own frame; it compiles."""
+    base: str
+    """The robot's first body."""
+    zero: np.ndarray
+    """Rotation of that body in the file's zero posture, (3, 3)."""
+    poses: Mapping[str, Pose]
+    """All bodies as they are at first, in the file's own frame."""
+    qpos: np.ndarray
+    """Where the joints of the spec begin."""
+    qvel: np.ndarray
+    """How fast they are then."""
+    ctrl: np.ndarray
+    """What the actuators of the spec are given, all the time."""
+    excluded: tuple[tuple[str, str], ...]
+    """Pairs of bodies, one of the robot and one of the spec, that do not touch."""
+
+
 @dataclass(frozen=True, eq=False)
 class ModelFile:
     """A robot as its file describes it, as one editable model with a floating base."""
@@ -69,6 +95,8 @@ class ModelFile:
     """What was repaired, dropped or missing, one line each."""
     is_urdf: bool
     """Whether the file is a URDF, else an MJCF."""
+    around: Surroundings | None = None
+    """What the file holds beside the robot; None for a level floor at most."""
 
 
 def resolve_mimics(mimics: list[Mimic]) -> tuple[Mimic, ...]:

@@ -730,3 +730,19 @@ def test_options_of_the_simulation_are_left_out(tmp_path):
     assert option.density == 0.0
     assert option.gravity[2] == -1.62
     assert any("density" in x and "left out" in x for x in file.notes)
+
+
+def test_limbs_that_hang_on_the_world_are_refused(tmp_path):
+    """A trunk that is part of the world has no mass: the legs alone are no robot."""
+    text = MJCF.format(free="", more="")
+    limb = (
+        '<body name="{}"><joint name="{}_j"/><geom size="0.1" mass="1"/>'
+        '<body name="{}_2"><joint name="{}_k"/><geom size="0.1" mass="1"/></body>'
+        "</body>"
+    )
+    limbs = "".join(limb.format(*[name] * 4) for name in ("left", "right"))
+    start, end = text.index("<worldbody>"), text.index("</worldbody>")
+    text = text[:start] + f"<worldbody>{limbs}" + text[end:]
+    text = re.sub(r"<(keyframe|actuator|sensor|contact)>.*?</\1>", "", text, flags=re.S)
+    with pytest.raises(ModelError, match="left, right hang on the world by hinges"):
+        read(tmp_path, text, "robot.xml")

@@ -168,6 +168,13 @@ def _keep_robot(spec: mujoco.MjSpec, base: mujoco.MjsBody, notes: list[str]) -> 
     """Remove all but the tree of a body from the world."""
     world = spec.worldbody
     others = [body.name for body in world.bodies if body.name != base.name]
+    limbs = [body.name for body in world.bodies if _hangs(body)]
+    if _hangs(base) and len(limbs) > 1:
+        raise ModelError(
+            f"{first_of(limbs)} hang on the world by hinges, so that the trunk between "
+            "them has no mass and does not move; put them into one body with an "
+            "<inertial> and a <freejoint/>"
+        )
     for name in others:
         spec.delete(spec.body(name))
     if others:
@@ -178,6 +185,12 @@ def _keep_robot(spec: mujoco.MjSpec, base: mujoco.MjsBody, notes: list[str]) -> 
     delete_geoms(spec, geoms)
     for light in list(world.lights):
         spec.delete(light)
+
+
+def _hangs(body: mujoco.MjsBody) -> bool:
+    """Return whether nothing but hinges is between a body and what bears it."""
+    kinds = {joint.type for joint in body.joints}
+    return kinds == {mujoco.mjtJoint.mjJNT_HINGE}
 
 
 def _link_meshes(spec: mujoco.MjSpec, outline: mujoco.MjModel) -> list[LinkMesh]:

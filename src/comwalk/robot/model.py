@@ -460,7 +460,7 @@ def _home(model: mujoco.MjModel, path: Path, profile: Profile) -> np.ndarray:
     names = [model.key(i).name for i in range(model.nkey)]
     if not names:
         raise ModelError(
-            f'robot {path} has no keyframe: add <key name="walk" qpos="..."/> with '
+            f'robot {path}: it has no keyframe: add <key name="walk" qpos="..."/> with '
             "bent knees"
         )
     name = "walk" if "walk" in names else names[0]

@@ -56,6 +56,7 @@ from .runs import (
     save_columns,
     summarize,
     versions,
+    write_file,
 )
 from .walking import (
     MujocoLink,
@@ -161,9 +162,11 @@ class Run:
         with ThreadPoolExecutor(1) as other:  # zlib works while the figure is drawn
             written = other.submit(save_columns, folder / "run.npz", columns)
             if self.scene is not None:
-                mujoco.mj_saveModel(self.scene, str(folder / "scene.mjb"))
+                scene = np.zeros(mujoco.mj_sizeModel(self.scene), np.uint8)
+                mujoco.mj_saveModel(self.scene, None, scene)
+                write_file(folder / "scene.mjb", scene.tobytes())
             text = json.dumps(self.summary(), indent=2, allow_nan=False)
-            (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+            write_file(folder / "summary.json", text + "\n")
             self.plot(folder / ("walk.png" if self.pattern.plan.steps else "dance.png"))
             written.result()
         for name in (ROWS_NAME, "run.json"):
@@ -385,14 +388,14 @@ def _walked(
     controller = WalkingController(control.gains, control.settings, control.period)
     log = recorder.log
     link: Callable[[Any], Link] | None = None
-    if isinstance(plant, SimulatedRobot):
-        take_log(log, plant, pattern.duration)
-
-        def link(ticker: WholeBodyTicker) -> MujocoLink:
-            return MujocoLink(plant, ticker, log, progress)
-
-    begin = time.perf_counter()
     with recorder:
+        if isinstance(plant, SimulatedRobot):
+            take_log(log, plant, pattern.duration)
+
+            def link(ticker: WholeBodyTicker) -> MujocoLink:
+                return MujocoLink(plant, ticker, log, progress)
+
+        begin = time.perf_counter()
         outcome = walk(
             pattern,
             controller,

@@ -104,7 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except OSError as error:
-        return _refuse(f"{error.filename or 'a file'}: {error.strerror}")
+        return _refuse(f"{error.filename or 'the output'}: {error.strerror}")
 
 
 def _app() -> App:

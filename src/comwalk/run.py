@@ -196,7 +196,7 @@ def simulate(
         control: The walking controller; the robot's defaults if None.
         motion: Motion of arms, waist or head, embedded in the CoM Jacobian.
         physics: Physics step, floor, payload, sensors and pushes.
-        watch: When a walk counts as a fall.
+        watch: When a walk counts as a fall; `control.usual_watch` if None.
         seed: Seed of the sensor noise.
         force: Whether to walk even what the robot is not able to.
         progress: Called now and then with the simulated time.
@@ -333,7 +333,7 @@ def simulate_pendulum(
         control: The walking controller; the paper's if None.
         disturbance: eps and its rate over time.
         servo_lag: Time constant between u and the CoM's velocity [s].
-        watch: When a walk counts as a fall.
+        watch: When a walk counts as a fall; `control.usual_watch` if None.
         progress: Called now and then with the simulated time.
         record: File of the rows, run.npy, or of ROS 2 messages, run.mcap.
         about: More to say about the run in its settings.

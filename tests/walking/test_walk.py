@@ -17,7 +17,7 @@ from comwalk.control.gains import Gains
 from comwalk.control.guard import End, Watch
 from comwalk.control.law import ControlOutput, WalkingController
 from comwalk.control.loop import walk
-from comwalk.control.plant import Sensors, random_bounded
+from comwalk.control.plant import Sensors, constant_disturbance, random_bounded
 from comwalk.control.settings import BodySettings, Control, Push, SimulatorSettings
 from comwalk.embedding.dances import builtin_motion
 from comwalk.embedding.motion import embed_in
@@ -578,6 +578,21 @@ def test_a_fall_before_the_first_tick_is_saved(tmp_path):
     told = json.loads((folder / "summary.json").read_text())
     assert (told["outcome"], told["time_s"]) == ("fell", 0.0)
     assert (folder / "walk.png").stat().st_size > 1e4
+
+
+@pytest.mark.parametrize("height", [0.4, 0.687, 1.5])
+def test_a_fall_is_as_far_off_as_the_robot_is_tall(height):
+    """0.3 m for the paper's robot, and to scale for others; told in the cause."""
+    scale = height / 0.687
+    gait = Gait(half_step=0.0)
+    run = simulate_pendulum(
+        make_pattern(plan_steps(gait, 4), Pendulum(height=height)),
+        control=OPEN_LOOP,
+        disturbance=constant_disturbance((0.2 * scale, 0.0)),
+    )
+    assert run.outcome.end is End.FELL
+    off = np.hypot(*(run.log["com"] - run.log["com_ref"])[:, :2].T).max()
+    assert off == pytest.approx(0.3 * scale, abs=0.2 * scale * 0.002)
 
 
 def test_on_the_moon_soles_bear_the_weight_of_the_moon(tmp_path):

@@ -8,10 +8,12 @@ import re
 import subprocess
 import sys
 from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
 import pytest
+from models import urdf
 from pictures import inked
 
 from comwalk.cli import app as cli
@@ -736,3 +738,46 @@ def test_a_full_standard_output_is_told():
         told = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
     assert told.returncode == 2
     assert told.stderr == "comwalk: the output: No space left on device\n"
+
+
+# ---- Names with markup ------------------------------------------------------------
+
+MARKED = "</script><script>alert(1)</script>\x9b31m\"onload='x"
+
+
+@pytest.fixture(scope="module")
+def marked_run(tmp_path_factory):
+    """A walk of a robot whose file, links and joints are named to do harm."""
+    folder = tmp_path_factory.mktemp("marked")
+    text, name = urdf(), quoteattr(MARKED)
+    for part in ("left_knee_y", "pelvis", "toy"):
+        text = text.replace(f'"{part}"', name)
+    robot = folder / "$\\frac$<b>.urdf"
+    robot.write_text(text)
+    words = ["walk", str(robot), "--steps", "1", "--report", "--out", folder / "<i>run"]
+    assert main([*map(str, words)]) == 0
+    return folder / "<i>run"
+
+
+def test_names_with_markup_are_text_in_a_page(marked_run):
+    """Of robot, links, joints and folder; nothing of them is an element or a script."""
+    page = (marked_run / "report.html").read_text()
+    assert "alert(1)" not in page.replace("&lt;script&gt;alert(1)&lt;/script&gt;", "")
+    assert "&lt;b&gt;" in page
+    assert "&lt;i&gt;run" in page
+    assert not re.search("<b>[^<]*urdf|<i>run", page)
+
+
+def test_names_with_formulas_are_drawn_as_they_are(marked_run):
+    assert inked(marked_run / "walk.png") > 0.01
+
+
+def test_names_do_not_steer_the_terminal(marked_run, capsys):
+    """Neither in tables nor in errors; line breaks are those of the table."""
+    robot = next(marked_run.parent.glob("*.urdf"))
+    assert main(["robot", str(robot)]) == 0
+    out = capsys.readouterr().out
+    assert "alert(1)" in out
+    assert "\\x9b31m" in "".join(out.split())
+    assert re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]", out) is None
+    assert "\\x1b[2Jrobot" in refused(capsys, "walk", "\x1b[2Jrobot")

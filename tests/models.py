@@ -60,7 +60,7 @@ class Build:
     seed: int | None = None
     """Names and the order of joints are random with this seed."""
     legs: int = 2
-    """Number of legs: two, one, or four."""
+    """Number of legs: two, none, one, or four."""
     effort: float = 400.0
     """Torque limits at scale 1 [N m]."""
 
@@ -126,7 +126,7 @@ def urdf(build: Build | None = None, **options) -> str:
     else:
         out.fixed("root", base, pelvis, rpy=(0, 0, build.yaw))
         chest = _spine(out, pelvis)
-    places = {1: [("left", 0.0)], 2: [("left", 0.0), ("right", 0.0)]}
+    places = {0: [], 1: [("left", 0.0)], 2: [("left", 0.0), ("right", 0.0)]}
     places[4] = [*places[2], ("left_hind", -0.4), ("right_hind", -0.4)]
     for side, x in places[build.legs]:
         _leg(out, pelvis, side, x)

@@ -7,6 +7,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 PROGRAM = """
 import numpy as np
 from comwalk.pattern.reference import minimum_jerk
@@ -14,11 +16,11 @@ print(minimum_jerk(0.5), minimum_jerk.dispatcher.stats.cache_hits)
 """
 
 
-def run_with(cache: Path) -> subprocess.CompletedProcess:
+def run_with(cache: Path, program: str = PROGRAM) -> subprocess.CompletedProcess:
     """Run a program that needs one kernel, with a folder for what is compiled."""
     environment = os.environ | {"NUMBA_CACHE_DIR": str(cache)}
     return subprocess.run(
-        [sys.executable, "-c", PROGRAM],
+        [sys.executable, "-c", program],
         env=environment,
         capture_output=True,
         text=True,
@@ -34,3 +36,12 @@ def test_compiling_is_said_once_and_loading_is_quiet(tmp_path):
     assert second.stdout.startswith("(0.5, 1.875)")
     assert "Counter()" not in second.stdout
     assert second.stderr == ""
+
+
+def test_a_kernel_that_cannot_be_kept_still_runs(tmp_path):
+    """As on a full disk, which here is a limit on the size of files."""
+    pytest.importorskip("resource")
+    full = "import resource\nresource.setrlimit(resource.RLIMIT_FSIZE, (0, 0))\n"
+    result = run_with(tmp_path, full + PROGRAM)
+    assert result.stdout.startswith("(0.5, 1.875)")
+    assert "Traceback" not in result.stderr

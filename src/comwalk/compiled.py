@@ -9,6 +9,7 @@ NUMBA_DISABLE_JIT=1 kernels run as plain Python, for debuggers and coverage.
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import functools
 import logging
@@ -73,8 +74,10 @@ class Kernel:
         if numba.config.DISABLE_JIT:  # ty: ignore[missing-attribute]
             return lambda *arguments: self.py_func(*map(_with_attributes, arguments))
         _announce_compiling()
-        compiled = numba.njit(cache=True, error_model="numpy", **self._options)
-        return compiled(self.py_func)
+        compile_ = numba.njit(cache=True, error_model="numpy", **self._options)
+        compiled = compile_(self.py_func)
+        _keep_if_possible(compiled)
+        return compiled
 
     def __call__(self, *arguments: Any) -> Any:
         """Call the compiled function."""
@@ -86,6 +89,17 @@ class Kernel:
         import numba
 
         return numba.typeof(self.dispatcher)
+
+
+def _keep_if_possible(compiled: Any) -> None:
+    """Have a kernel run that cannot be kept, as on a full disk."""
+    keep = compiled._cache.save_overload
+
+    def try_to_keep(*what: Any) -> None:
+        with contextlib.suppress(OSError):
+            keep(*what)
+
+    compiled._cache.save_overload = try_to_keep
 
 
 def _with_attributes(value: Any) -> Any:

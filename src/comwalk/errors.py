@@ -18,6 +18,7 @@ from __future__ import annotations
 import difflib
 import math
 import numbers
+import re
 from collections.abc import Iterable
 
 
@@ -149,3 +150,18 @@ def one_line(error: Exception) -> str:
         Its text without line breaks, or the name of its kind if it has none.
     """
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def printable(text: str) -> str:
+    r"""Return text without what would steer a terminal, such as escape sequences.
+
+    Args:
+        text: It may hold names from files.
+
+    Returns:
+        The text, control characters but tabs and line breaks written as in `\x1b`.
+    """
+    return _CONTROL.sub(lambda found: f"\\x{ord(found[0]):02x}", text)
+
+
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")

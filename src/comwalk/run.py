@@ -57,6 +57,7 @@ from .runs import (
     save_columns,
     summarize,
     versions,
+    write_file,
 )
 from .walking import (
     MujocoLink,
@@ -162,9 +163,11 @@ class Run:
         with ThreadPoolExecutor(1) as other:  # zlib works while the figure is drawn
             written = other.submit(save_columns, folder / "run.npz", columns)
             if self.scene is not None:
-                mujoco.mj_saveModel(self.scene, str(folder / "scene.mjb"))
+                scene = np.zeros(mujoco.mj_sizeModel(self.scene), np.uint8)
+                mujoco.mj_saveModel(self.scene, None, scene)
+                write_file(folder / "scene.mjb", scene.tobytes())
             text = json.dumps(self.summary(), indent=2, allow_nan=False)
-            (folder / "summary.json").write_text(text + "\n", encoding="utf-8")
+            write_file(folder / "summary.json", text + "\n")
             self.plot(folder / ("walk.png" if self.pattern.plan.steps else "dance.png"))
             written.result()
         for name in (ROWS_NAME, "run.json"):
@@ -194,7 +197,7 @@ def simulate(
         control: The walking controller; the robot's defaults if None.
         motion: Motion of arms, waist or head, embedded in the CoM Jacobian.
         physics: Physics step, floor, payload, sensors and pushes.
-        watch: When a walk counts as a fall.
+        watch: When a walk counts as a fall; `control.usual_watch` if None.
         seed: Seed of the sensor noise.
         force: Whether to walk even what the robot is not able to.
         progress: Called now and then with the simulated time.
@@ -331,7 +334,7 @@ def simulate_pendulum(
         control: The walking controller; the paper's if None.
         disturbance: eps and its rate over time.
         servo_lag: Time constant between u and the CoM's velocity [s].
-        watch: When a walk counts as a fall.
+        watch: When a walk counts as a fall; `control.usual_watch` if None.
         progress: Called now and then with the simulated time.
         record: File of the rows, run.npy, or of ROS 2 messages, run.mcap.
         about: More to say about the run in its settings.
@@ -386,14 +389,14 @@ def _walked(
     controller = WalkingController(control.gains, control.settings, control.period)
     log = recorder.log
     link: Callable[[Any], Link] | None = None
-    if isinstance(plant, SimulatedRobot):
-        take_log(log, plant, pattern.duration)
-
-        def link(ticker: WholeBodyTicker) -> MujocoLink:
-            return MujocoLink(plant, ticker, log, progress)
-
-    begin = time.perf_counter()
     with recorder:
+        if isinstance(plant, SimulatedRobot):
+            take_log(log, plant, pattern.duration)
+
+            def link(ticker: WholeBodyTicker) -> MujocoLink:
+                return MujocoLink(plant, ticker, log, progress)
+
+        begin = time.perf_counter()
         outcome = walk(
             pattern,
             controller,

@@ -1,13 +1,19 @@
 """The command line: exit codes, what is printed, what is written, what is refused."""
 
+import errno
 import json
 import math
+import os
+import re
 import subprocess
 import sys
+from pathlib import Path
+from xml.sax.saxutils import quoteattr
 
 import mujoco
 import numpy as np
 import pytest
+from models import urdf
 from pictures import inked
 
 from comwalk.cli import app as cli
@@ -654,3 +660,124 @@ def test_bad_input_gives_one_clear_line(wrong_files, monkeypatch, capsys, words,
     before = sorted(wrong_files.rglob("*"))
     assert part in refused(capsys, *words.split())
     assert sorted(wrong_files.rglob("*")) == before
+
+
+# ---- A full disk ------------------------------------------------------------------
+
+
+@pytest.fixture
+def little_space():
+    """Files of 1 kB at most, as on a disk that is nearly full."""
+    resource = pytest.importorskip("resource")
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
+    yield
+    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+
+
+WRITING = {
+    "a walk": (["walk", *SHORT, "--out", "new"], "new/run"),
+    "a dance": (["dance", "--out", "new"], "new/run"),
+    "a pattern": (["pattern", "--out", "new"], "new/pattern.png"),
+    "a certificate": (["certify", "--out", "new"], "new/certificate.json"),
+    "a report": (["report", "{run}", "--out", "new.html"], "new.html"),
+    "stills": (["film", "{run}", "new.png"], "new.png"),
+    "a film": (["film", "{run}", "new.mp4", "--stop", "0.2"], "new.mp4"),
+    "CSV": (["export", "{run}", "--csv", "--out", "new"], "new/csv"),
+    "Parquet": (["export", "{run}", "--parquet", "--out", "new"], "new/parquet"),
+    "rosbag2": (["export", "{run}", "--rosbag2", "--out", "new"], "run.mcap"),
+    "a dataset": (["generate", "--count", "1", "--steps", "2"], "motions.npz"),
+    "a profile": (["robot", "--write-profile", "new.toml"], "new.toml"),
+    "a picture": (["robot", "--picture", "new.png"], "new.png"),
+}
+
+
+@pytest.mark.parametrize(("words", "file"), WRITING.values(), ids=WRITING)
+def test_a_full_disk_is_told_with_the_file(
+    run, here, little_space, capsys, words, file
+):
+    """In one line that says what could not be written, and why."""
+    (run / "run.mcap").unlink(missing_ok=True)
+    assert main([word.format(run=run) for word in words]) == 2
+    error = capsys.readouterr().err
+    assert file in error
+    assert re.search("File too large|Invalid argument", error)
+    assert error.count("comwalk: ") == 1
+    assert "Traceback" not in error
+
+
+def test_a_walk_that_cannot_be_saved_is_still_told(here, capsys, monkeypatch):
+    """Its summary is printed, and its rows can be saved once there is space."""
+
+    def full(path, data):
+        if path.suffix == ".mjb":
+            raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+        return write(path, data)
+
+    write = Path.write_bytes
+    with monkeypatch.context() as patch:
+        patch.setattr(Path, "write_bytes", full)
+        assert main(["walk", *SHORT, "--out", "new"]) == 2
+    out, error = capsys.readouterr()
+    assert "2 of 2" in out
+    assert "written to" not in out
+    assert "new/scene.mjb: No space left on device" in error
+    assert "the run is not saved" in error
+    assert "comwalk log new" in error
+    assert main(["log", "new"]) == 0
+    with np.load(here / "new" / "run.npz") as columns:
+        assert columns["t"][-1] > 3.0
+
+
+def test_a_full_standard_output_is_told():
+    """Also when the text fits into the buffer and only its end is missed."""
+    if not Path("/dev/full").exists():
+        pytest.skip("the system has no full device")
+    with open("/dev/full", "w") as full:
+        words = [sys.executable, "-m", "comwalk", "pattern"]
+        told = subprocess.run(words, stdout=full, stderr=subprocess.PIPE, text=True)
+    assert told.returncode == 2
+    assert told.stderr == "comwalk: the output: No space left on device\n"
+
+
+# ---- Names with markup ------------------------------------------------------------
+
+MARKED = "</script><script>alert(1)</script>\x9b31m\"onload='x"
+
+
+@pytest.fixture(scope="module")
+def marked_run(tmp_path_factory):
+    """A walk of a robot whose file, links and joints are named to do harm."""
+    folder = tmp_path_factory.mktemp("marked")
+    text, name = urdf(), quoteattr(MARKED)
+    for part in ("left_knee_y", "pelvis", "toy"):
+        text = text.replace(f'"{part}"', name)
+    robot = folder / "$\\frac$<b>.urdf"
+    robot.write_text(text)
+    words = ["walk", str(robot), "--steps", "1", "--report", "--out", folder / "<i>run"]
+    assert main([*map(str, words)]) == 0
+    return folder / "<i>run"
+
+
+def test_names_with_markup_are_text_in_a_page(marked_run):
+    """Of robot, links, joints and folder; nothing of them is an element or a script."""
+    page = (marked_run / "report.html").read_text()
+    assert "alert(1)" not in page.replace("&lt;script&gt;alert(1)&lt;/script&gt;", "")
+    assert "&lt;b&gt;" in page
+    assert "&lt;i&gt;run" in page
+    assert not re.search("<b>[^<]*urdf|<i>run", page)
+
+
+def test_names_with_formulas_are_drawn_as_they_are(marked_run):
+    assert inked(marked_run / "walk.png") > 0.01
+
+
+def test_names_do_not_steer_the_terminal(marked_run, capsys):
+    """Neither in tables nor in errors; line breaks are those of the table."""
+    robot = next(marked_run.parent.glob("*.urdf"))
+    assert main(["robot", str(robot)]) == 0
+    out = capsys.readouterr().out
+    assert "alert(1)" in out
+    assert "\\x9b31m" in "".join(out.split())
+    assert re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]", out) is None
+    assert "\\x1b[2Jrobot" in refused(capsys, "walk", "\x1b[2Jrobot")

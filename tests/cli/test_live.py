@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from comwalk.cli.live import LiveWalk, Pacer
+from comwalk.cli.live_page import _as_it_is
 from comwalk.config import Given, WalkConfig
 from comwalk.control.gains import Gains
 from comwalk.control.guard import End
@@ -219,3 +220,11 @@ def test_deadlines_are_absolute(monkeypatch):
     assert pacer.late == 1
     pacer.wait()
     assert now[0] == pytest.approx(1.05)
+
+
+def test_names_in_messages_of_the_page_are_no_markup():
+    """The page shows Markdown as it is, scripts included; names come from files."""
+    text = _as_it_is("joint <script>*a*</script> {x} `y` [z](u) needs 3 N m")
+    assert text == (
+        r"joint \<script\>\*a\*\</script\> \{x\} \`y\` \[z\](u) needs 3 N m"
+    )

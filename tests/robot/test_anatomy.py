@@ -161,8 +161,15 @@ def test_names_order_heading_and_size_do_not_matter(tmp_path_factory, seed, turn
 
 
 BAD = {
-    "one leg": ({"legs": 1}, "one limb that reaches the ground"),
-    "four legs": ({"legs": 4}, "more than two limbs .* --profile"),
+    "one leg": ({"legs": 1}, "toy.urdf: it has one limb that reaches the ground"),
+    "four legs": ({"legs": 4}, "toy.urdf: it has more than two limbs .* --profile"),
+    "arms": ({"legs": 0}, "toy.urdf: it has no legs: .* as arms do"),
+    "arms aside": ({"legs": 0, "pose": "tee"}, "it has no legs"),
+    "arms ahead": ({"legs": 0, "pose": "forward", "fingers": 3}, "it has no legs"),
+    "arms of six joints": (
+        {"legs": 0, "arm": (*ARM, "wrist_x"), "waist": ()},
+        "it has no legs",
+    ),
     "round feet": ({"foot": "ball"}, "no flat of 19 cm"),
     "short legs": ({"leg": ("hip_y", "knee_y", "ankle_y")}, "has 3 joints"),
 }

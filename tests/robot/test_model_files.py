@@ -685,6 +685,27 @@ def test_nothing_but_the_ground_holds_the_robot(tmp_path):
     assert 'constraint "crane" dropped: it ties trunk to the world' in told
 
 
+def test_flags_that_disable_physics_are_dropped(tmp_path):
+    """Without gravity or contacts a walk would be none; others may be left out."""
+    off = '<flag gravity="disable" contact="disable" warmstart="disable"/>'
+    more = f"<option>{off}</option>"
+    file = read(tmp_path, MJCF.format(free=FREE, more=more), "robot.xml")
+    warmstart = int(mujoco.mjtDisableBit.mjDSBL_WARMSTART)
+    assert file.spec.compile().opt.disableflags == warmstart
+    told = "flags dropped that disable a part of physics: gravity, contact"
+    assert told in file.notes
+
+
+@pytest.mark.parametrize(
+    "gravity", ["0 0 9.81", "-9.81 0 0", "0 0 0", "0.1 0 -9.81", "0 -0.1 -9.81"]
+)
+def test_gravity_that_is_not_straight_down_is_refused(tmp_path, gravity):
+    """Nothing else in comwalk looks at its direction."""
+    more = f'<option gravity="{gravity}"/>'
+    with pytest.raises(ModelError, match=r"gravity is .* must be straight down"):
+        read(tmp_path, MJCF.format(free=FREE, more=more), "robot.xml")
+
+
 def test_closed_loops_are_opened_with_a_note(tmp_path):
     loop = '<equality><connect name="rod" body1="l_leg" body2="r_leg" anchor="0 0 0"/>'
     idle = '<weld body1="l_leg" body2="r_leg" active="false"/></equality>'

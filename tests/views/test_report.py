@@ -21,6 +21,7 @@ from comwalk.pattern.pendulum import Pendulum
 from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.run import simulate_pendulum
+from comwalk.runs.columns import save_columns
 from comwalk.runs.run_data import RunData, data_of, read_columns
 from comwalk.views import video
 from comwalk.views.charts import (
@@ -51,6 +52,25 @@ def folder(tmp_path_factory):
 def pendulum():
     """A run of the simplified model."""
     return simulate_pendulum(make_pattern(plan_steps(Gait(), 2), Pendulum()))
+
+
+def test_a_run_of_one_row_is_drawn(folder, tmp_path, capsys):
+    """As of a fall in the first period: it is told, and its point is in the figures."""
+    for name in ("summary.json", "scene.mjb"):
+        (tmp_path / name).write_bytes((folder / name).read_bytes())
+    columns = {k: v[:1] if v.ndim else v for k, v in read_columns(folder).items()}
+    save_columns(tmp_path / "run.npz", columns)
+    assert main(["report", str(tmp_path)]) == 0
+    com = data_of(tmp_path).com[0, 0]
+    page = (tmp_path / "report.html").read_text()
+    for html in (page, notebook_html(data_of(tmp_path))):
+        charts = [x for x in html.split("<figure")[1:] if "<b>CoM and ZMP, " in x]
+        assert len(charts) == 2
+        curves, digit = read_back(charts[0])
+        x = [c[np.isfinite(c)] for c in curves]
+        assert [len(values) for values in x] == [1, 1, 1, 1]
+        assert np.abs(np.concatenate(x) - com).min() < digit
+    assert main(["report", str(tmp_path), str(folder)]) == 0
 
 
 def refused(capsys, *words):

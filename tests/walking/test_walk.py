@@ -8,14 +8,16 @@ import json
 import mujoco
 import numpy as np
 import pytest
+from models import write
 from robots import paper
 
 from comwalk.certificates.defaults import walk_pattern
+from comwalk.config import WalkConfig
 from comwalk.control.gains import Gains
 from comwalk.control.guard import End, Watch
 from comwalk.control.law import ControlOutput, WalkingController
 from comwalk.control.loop import walk
-from comwalk.control.plant import Sensors, random_bounded
+from comwalk.control.plant import Sensors, constant_disturbance, random_bounded
 from comwalk.control.settings import BodySettings, Control, Push, SimulatorSettings
 from comwalk.embedding.dances import builtin_motion
 from comwalk.embedding.motion import embed_in
@@ -27,9 +29,11 @@ from comwalk.pattern.reference import Phase
 from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.replay import replay
+from comwalk.robot.loaders.sources import read_model
 from comwalk.robot.model import load_robot
 from comwalk.run import simulate, simulate_pendulum
 from comwalk.runs.summary import sole_margins
+from comwalk.setup import build_walk
 from comwalk.sides import Side
 from comwalk.walking.whole_body import WholeBody
 
@@ -574,3 +578,32 @@ def test_a_fall_before_the_first_tick_is_saved(tmp_path):
     told = json.loads((folder / "summary.json").read_text())
     assert (told["outcome"], told["time_s"]) == ("fell", 0.0)
     assert (folder / "walk.png").stat().st_size > 1e4
+
+
+@pytest.mark.parametrize("height", [0.4, 0.687, 1.5])
+def test_a_fall_is_as_far_off_as_the_robot_is_tall(height):
+    """0.3 m for the paper's robot, and to scale for others; told in the cause."""
+    scale = height / 0.687
+    gait = Gait(half_step=0.0)
+    run = simulate_pendulum(
+        make_pattern(plan_steps(gait, 4), Pendulum(height=height)),
+        control=OPEN_LOOP,
+        disturbance=constant_disturbance((0.2 * scale, 0.0)),
+    )
+    assert run.outcome.end is End.FELL
+    off = np.hypot(*(run.log["com"] - run.log["com_ref"])[:, :2].T).max()
+    assert off == pytest.approx(0.3 * scale, abs=0.2 * scale * 0.002)
+
+
+def test_on_the_moon_soles_bear_the_weight_of_the_moon(tmp_path):
+    """The file's gravity is that of the plan, of the controller and of the physics."""
+    moon = tmp_path / "moon.xml"
+    option = '<option gravity="0 0 -1.62"/>'
+    text = read_model(write(tmp_path)).spec.to_xml()
+    moon.write_text(text.replace("<worldbody>", option + "<worldbody>", 1))
+    run = build_walk(WalkConfig(robot=str(moon), steps=2)).run()
+    assert run.outcome.ok
+    assert run.pattern.pendulum.gravity == pytest.approx(1.62)
+    forces = run.log["wrenches_true"][..., 2].sum(axis=1)
+    feet = sum(foot.mass for foot in run.robot.feet.values())
+    assert forces.mean() == pytest.approx(1.62 * (run.robot.mass - feet), rel=0.02)

@@ -16,7 +16,7 @@ from importlib import metadata
 
 from cyclopts import App, CycloptsError, UnusedCliTokensError
 
-from ..errors import ComwalkError
+from ..errors import ComwalkError, printable
 from ..views import choose_backend
 
 COMPLETED, FAILED, BAD_INPUT, INTERRUPTED = 0, 1, 2, 130
@@ -104,7 +104,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return FAILED
     except OSError as error:
-        return _refuse(f"{error.filename or 'a file'}: {error.strerror}")
+        return _refuse(f"{error.filename or 'the output'}: {error.strerror}")
 
 
 def _app() -> App:
@@ -136,7 +136,7 @@ def _refuse(message: str) -> int:
 
 def _say(message: str) -> None:
     """Write one line to stderr."""
-    print(f"comwalk: {' '.join(message.split())}", file=sys.stderr)
+    print(f"comwalk: {printable(' '.join(message.split()))}", file=sys.stderr)
 
 
 def _joined_pairs(words: list[str]) -> list[str]:

@@ -89,12 +89,12 @@ def _written(
     certificate: Certificate, numbers: dict[str, Any], folder: Path
 ) -> list[str]:
     """Write the numbers and the picture; return the files."""
-    from ..runs import prepare_folder
+    from ..runs import prepare_folder, write_file
     from ..views import plot_gain_plane
 
     path = prepare_folder(folder)
     text = json_format.dumps(numbers, indent=2, allow_nan=False)
-    (path / "certificate.json").write_text(text + "\n", encoding="utf-8")
+    write_file(path / "certificate.json", text + "\n")
     plot_gain_plane(certificate, path / "gains.png", title=str(numbers["robot"]))
     return [str(path / name) for name in ("certificate.json", "gains.png")]
 

@@ -14,7 +14,7 @@ from ..config import DanceConfig, WalkConfig
 from ..errors import RunError
 from ..pattern import PAPER_GAIT, Pattern, Phase, transfer_zmp
 from ..run import Run
-from ..runs import prepare_folder
+from ..runs import prepare_folder, write_file
 from ..setup import Setup, build_dance, build_walk
 from ..views import Row, plot_arms, plot_dance, plot_pattern, plot_run
 
@@ -240,10 +240,7 @@ def _write_tables(
             f"| {figure} | {q.name} | {_text(q.paper)} | {_text(q.ours)} | {q.unit} |"
             for q in quantities
         ]
-    try:
-        text = json.dumps(numbers, indent=2, allow_nan=False)
-        (folder / "figures.json").write_text(text + "\n", encoding="utf-8")
-        (folder / "figures.md").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    except OSError as error:
-        raise RunError(f"cannot write into {folder}: {error.strerror}") from None
+    text = json.dumps(numbers, indent=2, allow_nan=False)
+    write_file(folder / "figures.json", text + "\n")
+    write_file(folder / "figures.md", "\n".join(lines) + "\n")
     return numbers

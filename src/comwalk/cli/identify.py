@@ -66,12 +66,13 @@ def identify(
 
 def _write(folder: Path, found: Identified, robot: str, facts: dict[str, Any]) -> None:
     """Write all that was found into a folder."""
+    from ..runs import write_file
     from ..views import plot_identified
 
     plot_identified(found, facts["robot"], folder / "identify.png")
     text = json_format.dumps(facts, indent=2, allow_nan=False)
-    (folder / "identify.json").write_text(text + "\n", encoding="utf-8")
-    (folder / "loop.toml").write_text(loop_table(robot, facts), encoding="utf-8")
+    write_file(folder / "identify.json", text + "\n")
+    write_file(folder / "loop.toml", loop_table(robot, facts))
 
 
 def _print(facts: dict[str, Any], folder: Path | None) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import math
+import re
 import time
 from collections import deque
 from collections.abc import Generator
@@ -227,7 +228,7 @@ class LivePage:
 
     def _say(self, text: str) -> None:
         """Show a message; none if the text is empty."""
-        self._message.content = f"**{text}**" if text else ""
+        self._message.content = f"**{_as_it_is(text)}**" if text else ""
         self._message.visible = bool(text)
 
     # ---- Threads ------------------------------------------------------------------
@@ -273,7 +274,7 @@ class LivePage:
         self._words_at = now + 1.0 / _STATUS
         words, pacer = status_of(seen.moment, seen.step), self.live.pacer
         if seen.outcome is not None:
-            words += f"\n\n**{seen.outcome}**"
+            words += f"\n\n**{_as_it_is(str(seen.outcome))}**"
         if self.live.paused:
             words += "\n\n*paused*"
         else:
@@ -332,3 +333,8 @@ def open_live_page(
             yield address_of(server)
         finally:
             page.close()
+
+
+def _as_it_is(text: str) -> str:
+    """Return text, which may hold names from a file, without markup for Markdown."""
+    return re.sub(r"([\\`*_{}\[\]<>&])", r"\\\1", text)

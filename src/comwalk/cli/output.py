@@ -9,6 +9,8 @@ from typing import Any
 from rich.console import Console
 from rich.table import Table
 
+from ..errors import printable
+
 
 def print_json(value: Any) -> None:
     """Print one JSON value.
@@ -25,7 +27,7 @@ def print_text(text: str) -> None:
     Args:
         text: Printed as it is.
     """
-    Console(markup=False, emoji=False, highlight=False).print(text)
+    Console(markup=False, emoji=False, highlight=False).print(printable(text))
 
 
 def print_table(
@@ -41,7 +43,7 @@ def print_table(
     options: dict[str, Any] = {"title": title, "title_justify": "left"} if title else {}
     table = Table(*head, box=None, show_header=any(head), pad_edge=False, **options)
     for row in rows:
-        table.add_row(*row)
+        table.add_row(*map(printable, row))
     Console(markup=False, emoji=False, highlight=False).print(table)
 
 

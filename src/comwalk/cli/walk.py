@@ -22,7 +22,7 @@ from ..embedding import (
     is_motion_file,
     load_motion,
 )
-from ..errors import ModelError, ParameterError
+from ..errors import ModelError, ParameterError, RunError
 from ..pattern import coefficients, make_pattern, plan_steps, transfer_zmp
 from ..settings import table_of
 from ..setup import Setup, build_dance, build_walk
@@ -327,7 +327,9 @@ def replay(
         from ..runs import read_summary
 
         summary = read_summary(run)
-        print_json(summary) if json else _print_summary(summary, run)
+        print_json(summary) if json else _print_summary(summary)
+        if not json:
+            print(f"written to {run}")
         return 0
     from ..replay import replay as play
 
@@ -380,12 +382,26 @@ def _perform(
                 path.rmdir()
         raise
     run = dataclasses.replace(run, settings={**run.settings, "out": str(folder)})
-    run.save(folder)
     summary = run.summary()
-    print_json(summary) if settings.json else _print_summary(summary, folder)
+    print_json(summary) if settings.json else _print_summary(summary)
+    _save(run, folder)
+    if not settings.json:
+        print(f"written to {folder}")
     if not fulfil_wishes(run, folder, settings):
         return 2
     return 0 if run.outcome.ok else 1
+
+
+def _save(run: Run, folder: Path) -> None:
+    """Save a run, or tell that it is not and what is left of it."""
+    from ..runs import ROWS_NAME
+
+    try:
+        run.save(folder)
+    except RunError as error:
+        left = (folder / ROWS_NAME).is_file()
+        hint = f"; once there is space, comwalk log {folder} saves its rows"
+        raise RunError(f"{error}; the run is not saved{hint * left}") from None
 
 
 def _walk_in_page(
@@ -437,10 +453,9 @@ def _status(quiet: bool) -> Generator[Callable[[str], None] | None]:
         yield status.update
 
 
-def _print_summary(summary: dict[str, Any], folder: Path) -> None:
+def _print_summary(summary: dict[str, Any]) -> None:
     """Print the short table of a run."""
     print_table([(name, text) for name, text in _summary_rows(summary) if text])
-    print(f"written to {folder}")
 
 
 def _summary_rows(s: dict[str, Any]) -> Iterator[tuple[str, str]]:

@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from .guard import outcome_of as outcome_of
     from .guard import sensor_failed as sensor_failed
     from .guard import tilted as tilted
+    from .guard import usual_watch as usual_watch
     from .law import LAW as LAW
     from .law import LAW_STATE as LAW_STATE
     from .law import Controller as Controller

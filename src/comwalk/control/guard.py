@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass
 from enum import StrEnum
@@ -9,7 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from ..compiled import Record, kernel, records
-from ..pattern import Phase, Reference
+from ..pattern import Pendulum, Phase, Reference
 from ..settings import check_settings, setting
 
 
@@ -79,6 +80,20 @@ class Watch:
             ParameterError: If a value is out of range.
         """
         check_settings(self)
+
+
+def usual_watch(height: float) -> Watch:
+    """Return when a walk of a robot counts as a fall.
+
+    Args:
+        height: Height of the CoM above the soles [m].
+
+    Returns:
+        Defaults, the CoM's distance to scale: the paper's robot has them as they are.
+    """
+    usual = Watch()
+    scale = height / Pendulum().height
+    return dataclasses.replace(usual, com_error=usual.com_error * scale)
 
 
 def _end(end: End, reference: Reference, cause: str) -> Outcome:

@@ -22,6 +22,7 @@ from .guard import (
     guard_of,
     interrupted,
     outcome_of,
+    usual_watch,
 )
 from .law import Controller, ControlOutput
 from .plant import Actuation, Command, Plant, Sensors
@@ -152,7 +153,7 @@ def walk(
             `PointBody` for the simplified model.
         plant: The robot, simulated or real.
         on_tick: Called each period after the command was written.
-        watch: When a walk counts as a fall.
+        watch: When a walk counts as a fall; `usual_watch` if None.
         link: Makes, from the ticker, what exchanges commands and readings with the
             plant, where something faster than `Plant.write` and `read` does.
 
@@ -163,7 +164,8 @@ def walk(
     reference = pattern.at(0.0)
     controller.reset(reference.com, reference.zmp)
     command = body.start(reference)
-    ticker = body.ticker(pattern, controller, watch or Watch())
+    height = float(reference.com[2] - reference.left.position[2])
+    ticker = body.ticker(pattern, controller, watch or usual_watch(height))
     way = PlantLink(plant, ticker, on_tick) if link is None else link(ticker)
     outcome, reason = None, "an error"
     try:

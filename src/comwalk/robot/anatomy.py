@@ -62,6 +62,7 @@ class Anatomy:
 
 _GROUND = 0.25  # share of the height within which the end of a limb is a foot
 _SKEW = 0.015  # angle under which a forward axis is that of the file [rad]
+_ARMPIT = 0.1  # how high over the CoM of the rest legs may begin, in leg lengths
 _TOGETHER = 0.03, 0.015  # hips, feet that are in one place, in leg lengths
 _TOE = 0.05  # distance of a toe's joint from the ankle, in leg lengths
 _LEG = 6  # joints that a leg needs to place its foot
@@ -214,9 +215,15 @@ def _find_legs(
     own = [tuple(j for j in chain if j not in shared) for chain in chains]
     groups = _disjoint(own)
     if len(groups) != 2:
-        raise ModelError(f"{zero.name} {_LEG_COUNTS.get(len(groups), _MANY_LEGS)}")
+        raise ModelError(
+            f"{zero.name}: it has {_LEG_COUNTS.get(len(groups), _MANY_LEGS)}"
+        )
     picked = [min(g, key=lambda k: float(zero.centre(ends[k])[2])) for g in groups]
-    found = [_leg_of(zero, own[k], followers) for k in picked]
+    limbs = [own[k] for k in picked]
+    low = zero.root_height(limbs) <= _ARMPIT * zero.leg_length(limbs[0])
+    if not (low or given.feet):
+        raise ModelError(f"{zero.name}: it {_NO_LEGS}")
+    found = [_leg_of(zero, limb, followers) for limb in limbs]
     notes = [f"a leg has more than six joints: {n} is locked" for _, n in found if n]
     if shared:
         names = first_of(zero.names(sorted(shared)))
@@ -225,12 +232,16 @@ def _find_legs(
 
 
 _LEG_COUNTS = {
-    0: "has no limb that reaches the ground; walking needs two legs",
-    1: "has one limb that reaches the ground; walking needs two legs, each a chain of "
+    0: "no limb that reaches the ground; walking needs two legs",
+    1: "one limb that reaches the ground; walking needs two legs, each a chain of "
     "its own from the base",
 }
+_NO_LEGS = (
+    "has no legs: the limbs that reach lowest hang from above the middle of its body, "
+    "as arms do; walking needs two legs"
+)
 _MANY_LEGS = (
-    "has more than two limbs that reach the ground; comwalk walks on two legs (a file "
+    "more than two limbs that reach the ground; comwalk walks on two legs (a file "
     'of --profile can name them: feet = { left = "body", right = "body" })'
 )
 

@@ -112,11 +112,12 @@ def compile_model(spec: mujoco.MjSpec, name: str) -> mujoco.MjModel:
     try:
         model = spec.compile()
     except (ValueError, mujoco.FatalError) as error:
-        raise ModelError(f"{name} does not compile: {one_line(error)}") from None
+        raise ModelError(f"{name}: it does not compile: {one_line(error)}") from None
     types = model.jnt_type
     if model.njnt == 0 or types[0] != int(mujoco.mjtJoint.mjJNT_FREE):
         raise ModelError(
-            f"{name} has no free joint at its root: add <freejoint/> to the first body"
+            f"{name}: it has no free joint at its root; add <freejoint/> to the "
+            "first body"
         )
     simple = (int(mujoco.mjtJoint.mjJNT_HINGE), int(mujoco.mjtJoint.mjJNT_SLIDE))
     for i in range(1, model.njnt):
@@ -423,7 +424,7 @@ def home_of(model: mujoco.MjModel, path: Path, profile: Profile) -> np.ndarray:
     names = [model.key(i).name for i in range(model.nkey)]
     if not names:
         raise ModelError(
-            f'robot {path} has no keyframe: add <key name="walk" qpos="..."/> with '
+            f'robot {path}: it has no keyframe: add <key name="walk" qpos="..."/> with '
             "bent knees"
         )
     name = "walk" if "walk" in names else names[0]

@@ -92,6 +92,15 @@ class Skeleton:
         alike = [j for j in leg[:knee] if abs(self.axes([j])[0] @ axis) > 0.7]
         return alike[-1] if alike else leg[0]
 
+    def root_height(self, limbs: Sequence[Sequence[int]]) -> float:
+        """Return how high limbs begin over the CoM of what bears them [m]."""
+        beyond = {b for limb in limbs for b in self.beyond(self.body_of(limb[0]))}
+        rest = [b for b in range(1, self.model.nbody) if b not in beyond]
+        mass = self.model.body_mass[rest]
+        middle = float(mass @ self.data.xipos[rest, 2] / (mass.sum() + 1e-12))
+        roots = [float(self.anchors(limb)[0, 2]) for limb in limbs]
+        return min(roots) - middle
+
     def lacks(self, leg: Sequence[int]) -> str:
         """Return what a leg lacks of the six joints that walking needs.
 

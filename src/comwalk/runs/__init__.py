@@ -7,6 +7,7 @@ from ..lazy import exports_of
 if TYPE_CHECKING:
     from .columns import Log as Log
     from .columns import save_columns as save_columns
+    from .columns import write_file as write_file
     from .columns import write_npz as write_npz
     from .export import export_csv as export_csv
     from .export import export_parquet as export_parquet

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 from collections import deque
 from collections.abc import Callable, Mapping
@@ -290,4 +291,23 @@ def write_npz(path: Path, arrays: Columns) -> None:
                 with archive.open(f"{name}.npy", "w", force_zip64=True) as file:
                     np.lib.format.write_array(file, np.asarray(array, order="C"))
     except OSError as error:
+        raise RunError(f"cannot write {path}: {error.strerror}") from None
+
+
+def write_file(path: Path, content: str | bytes) -> None:
+    """Write a file; on a full disk nothing is left of it.
+
+    Args:
+        path: The file.
+        content: Text, or bytes as they are.
+
+    Raises:
+        RunError: If it cannot be written.
+    """
+    data = content.encode() if isinstance(content, str) else content
+    try:
+        path.write_bytes(data)
+    except OSError as error:
+        with contextlib.suppress(OSError):
+            path.unlink()
         raise RunError(f"cannot write {path}: {error.strerror}") from None

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import RunError
+from ..errors import RunError, one_line
 from ..robot import Robot
 from .mcap_file import LogFacts, inspect, nanoseconds
 from .recorder import log_path, origin, recover
@@ -84,11 +84,13 @@ def export_parquet(run: Path, folder: Path) -> list[Path]:
     def write(file: Path, table: Table) -> None:
         columns = {n: np.ascontiguousarray(c) for n, c in table.items()}
         target = str(file).replace("'", "''")
-        with duckdb.connect() as connection:
-            connection.register("columns", columns)
-            connection.execute(
-                f"COPY columns TO '{target}' (FORMAT parquet, COMPRESSION zstd)"
-            )
+        to = f"COPY columns TO '{target}' (FORMAT parquet, COMPRESSION zstd)"
+        try:
+            with duckdb.connect() as connection:
+                connection.register("columns", columns)
+                connection.execute(to)
+        except duckdb.Error as error:
+            raise RunError(f"cannot write {file}: {one_line(error)}") from None
 
     return _export(run, folder, "parquet", write)
 

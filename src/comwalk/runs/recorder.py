@@ -9,7 +9,7 @@ from typing import Any, BinaryIO
 
 from ..errors import RunError
 from ..robot import Robot, load_robot
-from .columns import Log, rows_left, save_columns
+from .columns import Log, rows_left, save_columns, write_file
 from .mcap_file import MCAP_NAME, write_mcap
 from .run_data import read_columns, read_summary
 from .summary import outcome_text
@@ -63,7 +63,12 @@ class Recorder:
             if log.file.name == ROWS_NAME:
                 clear_folder(log.file.parent)
             self._file = _open(log.file)  # locked; the log maps the same file
-            _write_settings(log.file, settings)
+            try:  # beside the rows, for the case of a crash
+                about = json.dumps(settings, allow_nan=False)
+                write_file(log.file.with_suffix(".json"), about)
+            except RunError:
+                self._file.close()
+                raise
 
     def __enter__(self) -> Recorder:
         """Begin."""
@@ -88,15 +93,6 @@ class Recorder:
             write_mcap(self.path, columns, self._robot, self.settings, self.outcome)
             rows.unlink()
             rows.with_suffix(".json").unlink()
-
-
-def _write_settings(path: Path, settings: dict[str, Any]) -> None:
-    """Write what a run is made with beside its rows, for the case of a crash."""
-    try:
-        text = json.dumps(settings, allow_nan=False)
-        path.with_suffix(".json").write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise RunError(f"cannot write {path}: {error.strerror}") from None
 
 
 def _open(path: Path) -> BinaryIO:

@@ -17,6 +17,7 @@ import numpy as np
 
 _STEPS = 4000  # vertical resolution of a chart
 _POINTS_PER_SECOND, _FEWEST, _MOST = 60.0, 300, 4000
+_SHORTEST = 0.1  # what a chart covers at least, for a run of one row [s]
 
 
 Band = tuple[float, float, str]
@@ -84,6 +85,7 @@ def chart_times(first: float, last: float) -> np.ndarray:
     Returns:
         Times [s].
     """
+    last = max(last, first + _SHORTEST)
     count = np.clip((last - first) * _POINTS_PER_SECOND, _FEWEST, _MOST)
     return np.linspace(first, last, int(count))
 

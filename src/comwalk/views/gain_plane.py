@@ -25,7 +25,7 @@ from ..certificates import (
 )
 from ..certificates.identification import Identified, ResponseFit, Responses
 from ..pattern import Pendulum
-from .matplotlib_figures import DPI, STYLE, write_figure
+from .matplotlib_figures import DPI, STYLE, literal, write_figure
 
 _LIMITS = (2.0, 2.6)  # of k_p and k_c over omega_n
 _EXACT, _REMARK, _PROOF, _LOOP = "#EDEDED", "#56B4E9", "#009E73", "#D55E00"
@@ -191,7 +191,7 @@ def _draw_list(ax: Axes, names: list[str]) -> None:
 
 
 def _title(certificate: Certificate, name: str) -> str:
-    words = [name] if name else []
+    words = [literal(name)] if name else []
     words.append(rf"$\omega_n$ = {certificate.pendulum.omega:.2f} rad/s")
     return ", ".join([*words, text_of_loop(certificate.loop)])
 
@@ -240,8 +240,8 @@ def plot_identified(found: Identified, title: str, path: str | Path | None) -> F
         panels[0, 1].legend(loc="lower left", fontsize=9)
         dead = found.dead_time
         figure.suptitle(
-            f"{title}: what CoM and ZMP answer to the commanded CoM; dead time "
-            f"{1e3 * dead.value:.1f} $\\pm$ {1e3 * dead.deviation:.1f} ms",
+            f"{literal(title)}: what CoM and ZMP answer to the commanded CoM; "
+            f"dead time {1e3 * dead.value:.1f} $\\pm$ {1e3 * dead.deviation:.1f} ms",
             fontsize=11,
         )
     return write_figure(figure, path)

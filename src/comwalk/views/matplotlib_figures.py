@@ -262,10 +262,15 @@ def _draw(ax: Axes, chart: Chart, rows: slice, begin: float, end: float) -> None
         ax.set_ylim(*span)
 
 
+def literal(name: str) -> str:
+    """Return a name that matplotlib draws as it is, not as a formula."""
+    return name.replace("$", r"\$")
+
+
 def _run_title(data: RunData) -> str:
     """Return the outcome and the main figures in two lines."""
     figures, robot = data.summary, data.settings.get("robot")
-    name = "simplified model" if robot is None else f'robot "{robot}"'
+    name = "simplified model" if robot is None else f'robot "{literal(robot)}"'
     com = figures["com_error_rms_mm"]
     kind = "true" if "true" in com else "measured"
     com, zmp = com[kind], figures["zmp_error_rms_mm"]
@@ -320,7 +325,7 @@ def plot_arms(
         for ax, side in zip(axes, sorted(groups), strict=True):
             for color, joint in zip(_CYCLE * 9, groups[side], strict=False):
                 actual, desired = curves[joint]
-                ax.plot(t, actual, color=color, label=joint)
+                ax.plot(t, actual, color=color, label=literal(joint))
                 if desired is not None:
                     ax.plot(t, desired, color=_INK, lw=0.9, ls=_DASHED)
             ax.set_title(side)

@@ -84,7 +84,7 @@ def identify(
         body: What lies between CoM velocity and set-points.
         standing: From the time [s] to the pattern of standing that long.
         experiment: How it is shaken.
-        watch: When it counts as a fall.
+        watch: When it counts as a fall; `usual_watch` if None.
         progress: Called with the share that is done [-].
 
     Returns:
@@ -108,7 +108,7 @@ def identify(
         body,
         plant,
         on_tick=record.add,
-        watch=watch or Watch(),
+        watch=watch,
     )
     if not outcome.ok:
         raise RunError(f"the experiment {outcome}; lower its amplitude")

@@ -293,10 +293,16 @@ def _use_own_physics(spec: mujoco.MjSpec, notes: list[str]) -> None:
 
 
 def _check_model(model: mujoco.MjModel) -> None:
-    """Check that numbers are finite, and mass and size those of a robot in SI units."""
+    """Check numbers, gravity, and that mass and size are a robot's in SI units."""
     for field in ("body_pos", "body_quat", "body_ipos", "body_inertia", "jnt_range"):
         if not np.isfinite(getattr(model, field)).all():
             raise ModelError(f"after compilation, {field} holds numbers not finite")
+    x, y, z = model.opt.gravity.tolist()
+    if z >= 0.0 or max(abs(x), abs(y)) > 1e-6 * -z:
+        raise ModelError(
+            f"its gravity is ({x:g}, {y:g}, {z:g}) m/s^2 and must be straight down, as "
+            'in <option gravity="0 0 -9.81"/>'
+        )
     mass = float(model.body_subtreemass[1])
     if not 0.0 < mass <= _HEAVIEST:
         hint = "give each body its inertia" if mass <= 0.0 else "is it in grams?"

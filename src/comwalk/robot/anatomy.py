@@ -22,7 +22,7 @@ from ..sides import Side
 from .kinematic_tree import Skeleton, zero_posture
 from .loaders import LinkMesh, Mimic, first_of
 from .profile import Profile
-from .soles import CROSSWISE, FITTED, Face, Sole, find_face, make_sole
+from .soles import CROSSWISE, FITTED, Face, Sole, find_face, make_sole, sole_notes
 
 Joints = tuple[int, ...]
 """Joints as indices into the model's, from the base outwards."""
@@ -116,7 +116,6 @@ def find_anatomy(
         part: zero.names(j for j in joints if j not in followers | locked)
         for part, joints in parts.items()
     }
-    striding = {*parts["left leg"], *parts["right leg"]}
     apart = [mimic for mimic in mimics if mimic not in coupled]
     moving = {j for joints in own.values() for j in joints}
     moving |= {m.joint for m in coupled}
@@ -131,17 +130,8 @@ def find_anatomy(
         soles={side: soles[side] for side in Side},
         coupled=coupled,
         imu=given.imu or _trunk(zero, own["torso"]),
-        notes=(*notes, *_notes(own, soles), *_shared(zero, striding, apart)),
+        notes=(*notes, *sole_notes(soles), *_notes(zero, parts, own, apart)),
     )
-
-
-def _shared(zero: Skeleton, legs: Collection[int], apart: Sequence[Mimic]) -> list[str]:
-    """Return notes on joints of legs that follow one of another limb."""
-    return [
-        f"{m.joint} shares a motor with {m.primary} of another limb: it is locked"
-        for m in apart
-        if zero.model.joint(m.joint).id in legs
-    ]
 
 
 def _trunk(zero: Skeleton, torso: Sequence[str]) -> str:
@@ -175,27 +165,22 @@ def _coupled(
 
 
 def _notes(
-    parts: Mapping[str, tuple[str, ...]], soles: Mapping[Side, Sole]
+    zero: Skeleton,
+    parts: Mapping[str, Joints],
+    own: Mapping[str, tuple[str, ...]],
+    apart: Iterable[Mimic],
 ) -> list[str]:
-    """Return notes on limbs and soles for the user."""
-    notes = []
-    for side in Side:
-        count = len(parts[f"{side} leg"])
-        if count < _LEG:
-            notes.append(
-                f"the {side} leg has {count} joints, not six: its foot cannot be "
-                "placed freely"
-            )
-        if soles[side].crosswise:
-            notes.append(
-                f"the {side} foot lies across the walking direction in the file: its "
-                "sole is turned lengthwise"
-            )
-        if soles[side].origin == FITTED:
-            notes.append(
-                f"the {side} foot has no shape: a sole of usual proportions is assumed"
-            )
-    return notes
+    """Return notes on legs that lack a joint, or share its motor, for the user."""
+    few = [side for side in Side if len(own[f"{side} leg"]) < _LEG]
+    legs = {*parts["left leg"], *parts["right leg"]}
+    return [
+        *(f"the {s} leg has {len(own[f'{s} leg'])} joints, not six" for s in few),
+        *(
+            f"{m.joint} shares a motor with {m.primary} of another limb: it is locked"
+            for m in apart
+            if zero.model.joint(m.joint).id in legs
+        ),
+    ]
 
 
 # ---- Legs -------------------------------------------------------------------------
@@ -215,9 +200,8 @@ def _find_legs(
     own = [tuple(j for j in chain if j not in shared) for chain in chains]
     groups = _disjoint(own)
     if len(groups) != 2:
-        raise ModelError(
-            f"{zero.name}: it has {_LEG_COUNTS.get(len(groups), _MANY_LEGS)}"
-        )
+        count = _LEG_COUNTS.get(len(groups), _MANY_LEGS)
+        raise ModelError(f"{zero.name}: it has {count}")
     picked = [min(g, key=lambda k: float(zero.centre(ends[k])[2])) for g in groups]
     limbs = [own[k] for k in picked]
     low = zero.root_height(limbs) <= _ARMPIT * zero.leg_length(limbs[0])

@@ -7,7 +7,7 @@ sole of usual proportions.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -17,6 +17,7 @@ from ..embedding import rotation_yaw
 from ..errors import ModelError
 from ..pattern import convex_hull, rectangle, rectangle_in
 from ..settings import table_of
+from ..sides import Side
 from .kinematic_tree import Skeleton
 from .loaders import LinkMesh, mesh_vertices
 from .profile import SoleNumbers
@@ -69,6 +70,19 @@ class Sole:
     """Contact boxes that fill it, about the centre."""
     crosswise: bool = False
     """Whether the foot lay across the walking direction and was turned lengthwise."""
+
+
+def sole_notes(soles: Mapping[Side, Sole]) -> list[str]:
+    """Return what the user is told of soles that are not as the file has them."""
+    across = "lies across the walking direction in the file: its sole is turned "
+    none = "has no shape: a sole of usual proportions is assumed"
+    notes = []
+    for side, sole in soles.items():
+        if sole.crosswise:
+            notes.append(f"the {side} foot {across}lengthwise")
+        if sole.origin == FITTED:
+            notes.append(f"the {side} foot {none}")
+    return notes
 
 
 @dataclass(frozen=True, eq=False)

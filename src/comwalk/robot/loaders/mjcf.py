@@ -29,7 +29,6 @@ from .world import take_world
 _UNKNOWN = re.compile(r"unrecognized attribute: '([^']+)' Element '([^']+)'")
 _MESH = mujoco.mjtGeom.mjGEOM_MESH
 _FREE = mujoco.mjtJoint.mjJNT_FREE
-_NEEDED = "GRAVITY", "CONTACT", "CONSTRAINT", "EQUALITY", "LIMIT", "ACTUATION", "SENSOR"
 _STAND_IN = "comwalk stand-in "
 _LEGS = 8  # joints that two legs have, at least
 
@@ -262,10 +261,6 @@ def _set_free(
 
 def _let_go(spec: mujoco.MjSpec, notes: list[str]) -> None:
     """Let nothing but the ground hold the robot."""
-    bits = {n: int(getattr(mujoco.mjtDisableBit, f"mjDSBL_{n}")) for n in _NEEDED}
-    if off := [n.lower() for n, bit in bits.items() if spec.option.disableflags & bit]:
-        notes.append(f"flags dropped that disable a part of physics: {', '.join(off)}")
-    spec.option.disableflags &= ~sum(bits.values())
     free = next(joint for joint in spec.joints if joint.type == _FREE)
     if free.armature or np.any(free.damping) or free.frictionloss:
         notes.append("damping, friction and armature of the floating base dropped")

@@ -250,7 +250,7 @@ def _parsed(text: bytes, notes: list[str]) -> ET.Element:
 
 
 _KEPT = "gravity", "timestep"
-_TOLD_OPTIONS = "disableflags", "density", "viscosity", "wind", "o_margin"
+_TOLD_OPTIONS = "density", "viscosity", "wind", "o_margin"
 
 
 def _expand_xacro(path: Path) -> bytes:
@@ -283,12 +283,15 @@ def _bring_near(spec: mujoco.MjSpec, notes: list[str]) -> None:
 def _use_own_physics(spec: mujoco.MjSpec, notes: list[str]) -> None:
     """Take back what a file says of the simulation: soles slip on a poor solver."""
     usual, changed = mujoco.MjSpec().option, []
+    flags = mujoco.mjtDisableBit.__members__.items()
+    off = [name[7:].lower() for name, bit in flags if spec.option.disableflags & bit]
     for name in (n for n in dir(usual) if n[0] != "_" and n not in _KEPT):
         value = getattr(usual, name)
         if not np.array_equal(value, getattr(spec.option, name)):
             setattr(spec.option, name, value)
             changed.append(name)
-    if told := [name for name in changed if name in _TOLD_OPTIONS]:
+    told = [name for name in changed if name in _TOLD_OPTIONS]
+    if told := [*told, *(f"{name} disabled" for name in off)]:
         notes.append(f"<option> {', '.join(told)} left out: comwalk sets its own")
 
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from ..control import BodySettings
 from ..errors import ComwalkError
-from ..pattern import make_pattern, plan_steps
+from ..pattern import Gait, make_pattern, plan_steps
 from ..robot import LEGS, Kinematics, Robot
 from ..robot.loaders import first_of
 from ..sides import Side
@@ -65,8 +65,14 @@ def default_walk(robot: Robot) -> tuple[Feasibility | None, str | None]:
         The demands of a few steps, None if there are no such steps, and why they cannot
         be walked, None if they can.
     """
+    return _tried(robot, default_gait(robot))
+
+
+def _tried(robot: Robot, gait: Gait) -> tuple[Feasibility | None, str | None]:
+    """Return what a few steps ask of a robot, and why they cannot be walked."""
     try:
-        result = feasibility(robot, walk_pattern(robot, _STEPS))
+        plan = plan_steps(gait, _STEPS, sole_size=robot.sole_size)
+        result = feasibility(robot, make_pattern(plan, default_pendulum(robot)))
     except ComwalkError as error:
         return None, str(error)
     return result, None if result.ok else str(result.worst)
@@ -87,7 +93,8 @@ def findings(
     result, fault = walk or default_walk(robot)
     found = [
         *_faults(result, fault),
-        *_servos(robot),
+        *_ankles(robot),
+        *(_friction(robot) if result is not None else ()),
         *_narrow(robot, result, fault),
         *_uneven(robot),
         *_units(robot),
@@ -140,14 +147,14 @@ def _narrow(
             yield Finding(DOUBT, demand.joint, _text(demand), left, _LIMITS)
     gait, usual = default_gait(robot), similar_gait(robot)
     if gait.speed < 0.99 * usual.speed:
-        plan = plan_steps(usual, _STEPS, sole_size=robot.sole_size)
-        limit = feasibility(robot, make_pattern(plan, default_pendulum(robot))).worst
+        limit, why = _tried(robot, usual)
         share = f"the default gait is {gait.speed / usual.speed:.0%} of the usual speed"
-        yield Finding(DOUBT, limit.joint, f"{share}: {limit}")
+        where = limit.worst.joint if limit is not None else ""
+        yield Finding(DOUBT, where, f"{share}: {why}" if why else share)
 
 
-def _servos(robot: Robot) -> Iterator[Finding]:
-    """Yield weak ankles, and friction that unsettles a walk by torque."""
+def _ankles(robot: Robot) -> Iterator[Finding]:
+    """Yield ankles too weak for the length of their soles."""
     weight, axes = robot.mass * robot.gravity, Kinematics(robot)
     axes.update(robot.home)
     for side in Side:
@@ -165,6 +172,10 @@ def _servos(robot: Robot) -> Iterator[Finding]:
                 "the rest of the sole cannot catch the robot",
                 _LIMITS,
             )
+
+
+def _friction(robot: Robot) -> Iterator[Finding]:
+    """Yield friction that unsettles a walk by torque."""
     pattern = walk_pattern(robot, 1)
     if (text := friction_fault(robot, pattern, None, BodySettings())) is not None:
         yield Finding(STOPS, "", text)

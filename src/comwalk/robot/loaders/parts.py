@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +11,9 @@ import mujoco
 import numpy as np
 
 from ...errors import ModelError
+
+DEEPEST = 200
+"""Most bodies, or elements of a file, inside each other; robots have a tenth."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +105,22 @@ def _resolve(mimic: Mimic, rules: dict[str, Mimic]) -> Mimic:
         primary, offset = above.primary, ratio * above.offset + offset
         ratio *= above.ratio
     return Mimic(mimic.joint, primary, ratio, offset)
+
+
+def check_depth(root: ET.Element) -> None:
+    """Check that elements are not nested too deep, which parsers do not survive.
+
+    Args:
+        root: The root of a file.
+
+    Raises:
+        ModelError: If they are.
+    """
+    level = [root]
+    for _ in range(DEEPEST):
+        level = [child for element in level for child in element]
+    if level:
+        raise ModelError(f"its elements are nested more than {DEEPEST} deep")
 
 
 def first_of(names: Sequence[str], count: int = 4) -> str:

@@ -22,6 +22,7 @@ from .mjcf import read_mjcf
 from .parts import LinkMesh as LinkMesh
 from .parts import Mimic as Mimic
 from .parts import ModelFile as ModelFile
+from .parts import check_depth
 from .urdf import read_urdf
 
 ROBOTS = {
@@ -219,6 +220,7 @@ def _parse(path: Path, notes: list[str]) -> ET.Element:
         raise ModelError(f"it is not readable: {one_line(error)}") from None
     if not text.strip():
         raise ModelError("it is empty; save it again")
+    check_depth(root)
     if root.tag not in ("robot", "mujoco"):
         raise ModelError(
             f"its root is <{root.tag}>; a URDF starts with <robot>, an MJCF with "

@@ -14,7 +14,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from ...errors import ModelError, nearest, one_line
+from ...errors import ModelError, nearest, one_line, utf8
 from .mesh_files import mesh_vertices as mesh_vertices
 from .mesh_files import package_folders
 from .meshes import add_meshes, compile_without_bad_meshes
@@ -113,7 +113,7 @@ def _find(source: str | Path) -> tuple[str, Path]:
             "is a folder; name the file in it" if path.is_dir() else "does not exist"
         )
         raise ModelError(f"robot file {text} {fault}")
-    return path.stem, path
+    return utf8(path.stem), path
 
 
 def _registered(name: str) -> Path:

@@ -18,6 +18,7 @@ from __future__ import annotations
 import difflib
 import math
 import numbers
+import os
 import re
 from collections.abc import Iterable
 
@@ -150,6 +151,15 @@ def one_line(error: Exception) -> str:
         Its text without line breaks, or the name of its kind if it has none.
     """
     return " ".join(str(error).split()) or type(error).__name__
+
+
+def utf8(name: str) -> str:
+    """Return a file's name as text that can be written anywhere.
+
+    Args:
+        name: As the system gives it; bytes that are not UTF-8 become U+FFFD.
+    """
+    return os.fsencode(name).decode("utf-8", "replace")
 
 
 def printable(text: str) -> str:

@@ -782,3 +782,34 @@ def test_names_do_not_steer_the_terminal(marked_run, capsys):
     assert "\\x9b31m" in "".join(out.split())
     assert re.search(r"[\x00-\x09\x0b-\x1f\x7f-\x9f]", out) is None
     assert "\\x1b[2Jrobot" in refused(capsys, "walk", "\x1b[2Jrobot")
+
+
+ODD = {"spaces": " a b ", "signs": "#%20%s'\"&;$(x)", "letters": "ünï 名前"}
+ODD |= {"not UTF-8": os.fsdecode(b"bad\xff")}
+
+
+@pytest.mark.parametrize("name", ODD.values(), ids=ODD)
+def test_files_may_have_any_names(here, capsys, name):
+    """Robot, folder, motion and page; what is printed as JSON stays JSON."""
+    robot, out, motion = f"r{name}.urdf", f"o{name}", f"m{name}.csv"
+    try:
+        Path(robot).write_text(urdf())
+    except OSError:
+        pytest.skip("the file system takes no such name")
+    Path(motion).write_text("time,waist_z\n0,0\n2,0.1\n4,0\n")
+    words = "walk", robot, "--steps", "1", "--motion", motion, "--report"
+    for command in (
+        ("robot", robot, "--write-profile", f"p{name}.toml"),
+        ("robot", robot, "--profile", f"p{name}.toml", "--json"),
+        (*words, "--out", out, "--json"),
+        ("replay", out, "--verify", "--json"),
+        ("export", out, "--csv", "--rosbag2", "--json"),
+        ("motions", motion, "--robot", robot, "--json"),
+        ("walk", "--config", f"{out}/summary.json", "--json"),
+    ):
+        assert main(list(command)) == 0, command
+        told = capsys.readouterr().out
+        if "--json" in command:
+            json.loads(told)
+    assert inked(here / out / "walk.png") > 0.01
+    assert "CoM and ZMP" in (here / out / "report.html").read_text(encoding="utf-8")

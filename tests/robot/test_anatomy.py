@@ -234,6 +234,35 @@ def test_feet_nearly_as_long_as_the_legs_are_feet(folder):
         assert sole.size == pytest.approx((0.75, 0.15))
 
 
+def turned_base(text, *, root):
+    """Return a URDF whose base is z-down, below a root that is z-up if asked for."""
+    flip = 'rpy="3.14159265358979 0 0"'
+    text = text.replace('rpy="0 0 0"', flip, 1)
+    if not root:
+        return text
+    more = f"""<link name="top"/><joint name="turned" type="fixed">
+        <parent link="top"/><child link="base"/><origin {flip}/></joint></robot>"""
+    return text.replace("</robot>", more)
+
+
+def test_a_base_that_is_z_down_below_its_root_does_not_matter(folder):
+    """Up is z of the root link; forward, left and soles are as without the turn."""
+    file = folder / "toy.urdf"
+    file.write_text(turned_base(urdf(), root=True))
+    found, usual = anatomy_of(file), anatomy_of(write(folder))
+    assert found.forward == pytest.approx(usual.forward, abs=1e-9)
+    assert (found.legs, found.arms) == (usual.legs, usual.arms)
+    for s in Side:
+        assert found.soles[s].size == pytest.approx(usual.soles[s].size)
+
+
+def test_a_root_that_is_z_down_is_told(folder):
+    file = folder / "toy.urdf"
+    file.write_text(turned_base(urdf(), root=False))
+    with pytest.raises(ModelError, match="z up in the root link"):
+        load_robot(file)
+
+
 def test_the_lowest_shape_is_the_sole(folder):
     """A box at the ankle is not taken for the sole if a mesh lies below it."""
     trimesh = pytest.importorskip("trimesh")

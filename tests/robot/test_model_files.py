@@ -547,6 +547,46 @@ def test_included_files_are_read_and_checked(tmp_path):
         read(tmp_path, text, "robot.xml")
 
 
+def test_a_model_that_attaches_itself_is_refused(tmp_path):
+    """MuJoCo would follow it until it crashes."""
+    more = '<asset><model name="m" file="robot.xml"/></asset>'
+    with pytest.raises(ModelError, match=r"robot\.xml attaches itself"):
+        read(tmp_path, MJCF.format(free=FREE, more=more), "robot.xml")
+
+
+SECRET = "kept for the user alone"
+_TENFOLD = "".join(f'<!ENTITY e{k} "{f"&e{k - 1};" * 10}">' for k in range(1, 10))
+HOSTILE = {
+    "a bomb": (f'<!DOCTYPE r [<!ENTITY e0 "ha">{_TENFOLD}]>', "&e9;"),
+    "a file in an attribute": ('<!DOCTYPE r [<!ENTITY e SYSTEM "{file}">]>', "&e;"),
+    "deep elements": ("", f'"/>{"<a>" * 9999}{"</a>" * 9999}<a b="'),
+}
+
+
+@pytest.mark.parametrize(("head", "value"), HOSTILE.values(), ids=HOSTILE)
+@pytest.mark.parametrize("suffix", ["urdf", "xml"])
+def test_hostile_files_are_refused_at_once(tmp_path, head, value, suffix):
+    """In one line that shows nothing of other files."""
+    secret = tmp_path / "secret"
+    secret.write_text(SECRET)
+    text = biped() if suffix == "urdf" else MJCF.format(free=FREE, more="")
+    root = "<robot " if suffix == "urdf" else "<mujoco"
+    start = text.index(">", text.index(root)) + 1
+    text = f'{text[:start]}<a b="{value}"/>{text[start:]}'
+    head = head.replace("{file}", secret.as_uri())
+    with pytest.raises(ModelError) as caught:
+        read(tmp_path, head + text, f"robot.{suffix}")
+    assert "\n" not in str(caught.value)
+    assert SECRET not in str(caught.value)
+
+
+def test_a_chain_of_10000_links_is_refused_at_once(tmp_path):
+    links = "".join(link(f"l{k}") for k in range(10001))
+    joints = "".join(joint(f"j{k}", f"l{k}", f"l{k + 1}") for k in range(10000))
+    with pytest.raises(ModelError, match="more than 200 links hang on each other"):
+        read(tmp_path, f'<robot name="chain">{links}{joints}</robot>')
+
+
 # Names and paths.
 
 

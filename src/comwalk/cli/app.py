@@ -6,6 +6,7 @@ do, and all that takes time to import, is in `commands` and the modules named li
 
 from __future__ import annotations
 
+import io
 import os
 import re
 import signal
@@ -78,6 +79,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, signal.default_int_handler)  # saves, as Ctrl-C
+    if isinstance(sys.stdout, io.TextIOWrapper):  # names of files may be any bytes
+        sys.stdout.reconfigure(errors="backslashreplace")
     choose_backend()  # a wrong MUJOCO_GL would make the import of MuJoCo fail
     try:
         code = _app()(
@@ -92,6 +95,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _refuse(f'unexpected "{(error.unused_tokens or [""])[0]}"; see --help')
     except (ComwalkError, CycloptsError) as error:
         return _refuse(str(error))
+    except UnicodeEncodeError as error:
+        part = ascii(error.object[max(0, error.start - 40) : error.end])
+        return _refuse(f"{part} is not UTF-8; give files and folders another name")
     except MemoryError:
         return _refuse("not enough memory; take fewer steps, or a longer period")
     except KeyboardInterrupt:

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import MotionError
+from ..errors import MotionError, utf8
 from .motion import Motion, as_numbers
 
 
@@ -61,7 +61,7 @@ def load_motion(
             f'cannot load motion "{file}": its name must end in .csv or .npz'
         )
     try:
-        fields: dict[str, Any] = {"name": file.stem.strip()}
+        fields: dict[str, Any] = {"name": utf8(file.stem.strip())}
         fields |= reader(file, robot_joints)
         fields["times"] = _from_zero(fields["times"])
         if loops is not None:

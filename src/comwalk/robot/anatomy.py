@@ -218,7 +218,7 @@ def _find_legs(
 _LEG_COUNTS = {
     0: "no limb that reaches the ground; walking needs two legs",
     1: "one limb that reaches the ground; walking needs two legs, each a chain of "
-    "its own from the base",
+    "its own from the base, and z up in the root link",
 }
 _NO_LEGS = (
     "has no legs: the limbs that reach lowest hang from above the middle of its body, "

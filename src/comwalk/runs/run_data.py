@@ -13,7 +13,7 @@ from zipfile import BadZipFile
 import mujoco
 import numpy as np
 
-from ..errors import ComwalkError, RunError
+from ..errors import ComwalkError, RunError, utf8
 from ..pattern import Foothold, Footstep, FootstepPlan, Phase
 from ..sides import Side
 from .columns import load_columns
@@ -191,9 +191,8 @@ def load_run(folder: str | Path, *, whole: bool = True) -> RunData:
         summary = {"settings": {}}
     columns = columns or read_columns(path)
     plan = _plan_of(summary["settings"].get("plan"))
-    return RunData(
-        path.resolve().name, summary, columns, _model_in(path, columns), plan
-    )
+    model = _model_in(path, columns)
+    return RunData(utf8(path.resolve().name), summary, columns, model, plan)
 
 
 def _model_in(folder: Path, columns: Mapping[str, np.ndarray]) -> mujoco.MjModel | None:
@@ -202,7 +201,8 @@ def _model_in(folder: Path, columns: Mapping[str, np.ndarray]) -> mujoco.MjModel
     if not path.is_file():
         return None
     try:
-        model = mujoco.MjModel.from_binary_path(str(path))
+        held = {path.name: path.read_bytes()}  # MuJoCo opens only UTF-8 names
+        model = mujoco.MjModel.from_binary_path(path.name, held)
     except (OSError, ValueError, mujoco.FatalError):
         raise RunError(
             f"{path} is broken: it is no model of this version of MuJoCo"

@@ -86,8 +86,9 @@ def judged(outcome: Outcome, log: Log, pattern: Pattern, robot: Robot) -> Outcom
     Returns:
         `End.ASTRAY` in place of a completed walk that ended farther from its plan than
         a sole is long, or turned by more than 0.3 rad, or whose centre of pressure was
-        outside the sole for more than a twentieth of the time: the sole is not as
-        comwalk takes it. Any other outcome is as it was.
+        outside the sole, by more than a twentieth of its width, for more than a
+        twentieth of the time: it walks on something else. Any other outcome is as it
+        was.
     """
     if not outcome.ok or not pattern.plan.steps:
         return outcome
@@ -98,12 +99,14 @@ def judged(outcome: Outcome, log: Log, pattern: Pattern, robot: Robot) -> Outcom
         degrees = math.degrees(abs(turn))
         cause = f"it ended {away:.2f} m and {degrees:.0f} deg beside its plan"
     margins = sole_margins(log, robot)
-    if len(margins) and (least := float(np.percentile(margins, 5))) < 0.0:
+    most = _OUTSIDE * robot.sole_size[1]
+    if len(margins) and (least := float(np.percentile(margins, 5))) < -most:
         outside = f"{-1e3 * least:.0f} mm or more outside the sole"
         cause = f"the centre of pressure was {outside} in 5 % of the time"
     return replace(outcome, end=End.ASTRAY, cause=cause) if cause else outcome
 
 
+_OUTSIDE = 0.05  # of a sole's width; a foot that rolls over its edge feels as much
 _MOST_TURN = 0.3  # between plan and robot at the end [rad]
 
 

@@ -5,6 +5,7 @@ All are drawn with matplotlib's objects, without its global state.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Generator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +18,7 @@ from matplotlib.figure import Figure, SubFigure
 from matplotlib.patches import Patch
 
 from ..embedding import EmbeddedMotion
-from ..errors import RunError
+from ..errors import RunError, utf8
 from ..runs import RunData, Source, data_of, outcome_text
 from .charts import Band, Chart
 from .run_charts import error_chart, motion_chart, padded_span
@@ -130,7 +131,8 @@ def write_figure(figure: Figure, path: str | Path | None) -> Figure:
     if path is None:
         return figure
     try:
-        with matplotlib.rc_context(STYLE):
+        with matplotlib.rc_context(STYLE), warnings.catch_warnings():
+            warnings.filterwarnings("ignore", "Glyph .* missing")  # drawn as a box
             parts = [figure, *figure.subfigs]
             title = "".join(part.get_suptitle() for part in parts)
             figure.savefig(path, dpi=DPI, metadata={"Title": title})
@@ -264,7 +266,7 @@ def _draw(ax: Axes, chart: Chart, rows: slice, begin: float, end: float) -> None
 
 def literal(name: str) -> str:
     """Return a name that matplotlib draws as it is, not as a formula."""
-    return name.replace("$", r"\$")
+    return utf8(name).replace("$", r"\$")
 
 
 def _run_title(data: RunData) -> str:

@@ -250,7 +250,7 @@ class WebPage:
             RunError: If it cannot be written.
         """
         try:
-            Path(path).write_text(self.html, encoding="utf-8")
+            Path(path).write_text(self.html, "utf-8", "replace")
         except OSError as error:
             raise RunError(f"cannot write the page {path}: {error.strerror}") from None
         return Path(path)

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from ...errors import ModelError, one_line
-from .parts import first_of
+from .parts import check_depth, first_of
 
 _NAMES = {"name", "class", "childclass", "file", "mesh", "material", "joint", "body"}
 _BAD_NUMBER = re.compile(r"(^|\s)[+-]?(nan|inf|infinity)(?=\s|$)", re.I)
@@ -36,14 +36,13 @@ def whole_tree(root: ET.Element, folder: Path) -> tuple[ET.Element, list[str]]:
     Raises:
         ModelError: If an included file is missing or broken, or a number not finite.
     """
-    _include(root, folder, folder, ())
+    _include(root, folder, folder, set())
+    _check_models(root, folder, ())
     _check_numbers(root)
     return root, list(_drop_strangers(root))
 
 
-def _include(
-    parent: ET.Element, folder: Path, here: Path, above: tuple[Path, ...]
-) -> None:
+def _include(parent: ET.Element, folder: Path, here: Path, read: set[Path]) -> None:
     """Put the content of included files where they are included.
 
     As in MuJoCo, a file is looked for beside the main one first, then beside the one
@@ -52,19 +51,42 @@ def _include(
     for k in reversed(range(len(parent))):
         element = parent[k]
         if element.tag != "include":
-            _include(element, folder, here, above)
+            _include(element, folder, here, read)
             continue
         name = element.get("file", "")
         file = next((d / name for d in (folder, here) if (d / name).is_file()), None)
         file = folder / name if file is None else file
-        if file in above:
-            raise ModelError(f"included file {file} includes itself; cut the loop")
-        try:
-            included = ET.parse(file).getroot()
-        except (OSError, ET.ParseError, ValueError, LookupError) as error:
-            raise ModelError(f"included file {file}: {one_line(error)}") from None
-        _include(included, folder, file.parent, (*above, file))
+        if file.resolve() in read:
+            raise ModelError(
+                f"included file {file} is included twice, or includes itself; cut the "
+                "loop"
+            )
+        read.add(file.resolve())
+        included = _parsed(file, "included file")
+        _include(included, folder, file.parent, read)
         parent[k : k + 1] = list(included)
+
+
+def _parsed(file: Path, what: str) -> ET.Element:
+    """Return the root of another file."""
+    try:
+        root = ET.parse(file).getroot()
+        check_depth(root)
+    except (OSError, ET.ParseError, ValueError, LookupError) as error:
+        raise ModelError(f"{what} {file}: {one_line(error)}") from None
+    return root
+
+
+def _check_models(root: ET.Element, folder: Path, above: tuple[Path, ...]) -> None:
+    """Check that no model that is attached attaches itself: MuJoCo would crash."""
+    for element in root.iter("model"):
+        file = (folder / element.get("file", "")).resolve()
+        if file in above:
+            raise ModelError(f"attached model {file} attaches itself; cut the loop")
+        if file.is_file() and file.suffix == ".xml":
+            model = _parsed(file, "attached model")
+            _include(model, file.parent, file.parent, {file})
+            _check_models(model, file.parent, (*above, file))
 
 
 def _check_numbers(root: ET.Element) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -10,6 +11,9 @@ import mujoco
 import numpy as np
 
 from ...errors import ModelError
+
+DEEPEST = 200
+"""Most bodies, or elements of a file, inside each other; robots have a tenth."""
 
 
 @dataclass(frozen=True)
@@ -164,6 +168,22 @@ def with_limbs_leading(file: ModelFile, model: mujoco.MjModel) -> ModelFile:
         if m.primary in speed:
             speed[m.joint] = speed[m.primary] * abs(m.ratio)
     return replace(file, mimics=tuple(mimics), speed=speed, torque=torque)
+
+
+def check_depth(root: ET.Element) -> None:
+    """Check that elements are not nested too deep, which parsers do not survive.
+
+    Args:
+        root: The root of a file.
+
+    Raises:
+        ModelError: If they are.
+    """
+    level = [root]
+    for _ in range(DEEPEST):
+        level = [child for element in level for child in element]
+    if level:
+        raise ModelError(f"its elements are nested more than {DEEPEST} deep")
 
 
 def first_of(names: Sequence[str], count: int = 4) -> str:

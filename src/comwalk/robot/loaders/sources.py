@@ -14,7 +14,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 
-from ...errors import ModelError, nearest, one_line
+from ...errors import ModelError, nearest, one_line, utf8
 from .mesh_files import mesh_vertices as mesh_vertices
 from .mesh_files import package_folders
 from .meshes import add_meshes, compile_without_bad_meshes
@@ -22,7 +22,7 @@ from .mjcf import read_mjcf
 from .parts import LinkMesh as LinkMesh
 from .parts import Mimic as Mimic
 from .parts import ModelFile as ModelFile
-from .parts import with_limbs_leading
+from .parts import check_depth, with_limbs_leading
 from .urdf import read_urdf
 
 ROBOTS = {
@@ -116,7 +116,7 @@ def _find(source: str | Path) -> tuple[str, Path]:
             "is a folder; name the file in it" if path.is_dir() else "does not exist"
         )
         raise ModelError(f"robot file {text} {fault}")
-    return path.stem, path
+    return utf8(path.stem), path
 
 
 def _registered(name: str) -> Path:
@@ -223,6 +223,7 @@ def _parse(path: Path, notes: list[str]) -> ET.Element:
         raise ModelError(f"it is not readable: {one_line(error)}") from None
     if not text.strip():
         raise ModelError("it is empty; save it again")
+    check_depth(root)
     if root.tag not in ("robot", "mujoco"):
         raise ModelError(
             f"its root is <{root.tag}>; a URDF starts with <robot>, an MJCF with "

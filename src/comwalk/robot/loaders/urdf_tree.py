@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...errors import ModelError
-from .parts import first_of
+from .parts import DEEPEST, first_of
 
 MOVING = ("revolute", "continuous", "prismatic")
 """Kinds of joints that move along one coordinate."""
@@ -279,6 +279,8 @@ def _check_parents(links: Iterable[str], joints: dict[str, Joint]) -> None:
             if link in above:
                 raise ModelError(f'link "{link}" is its own ancestor: cut the loop')
             above.add(link)
+            if len(above) > DEEPEST:
+                raise ModelError(f"more than {DEEPEST} links hang on each other")
 
 
 def _read_link(name: str, element: ET.Element, repaired: list[str]) -> Link:

@@ -275,7 +275,10 @@ def test_a_check_tells_what_is_nearest_to_a_limit(here, capsys):
     lines = capsys.readouterr().out.splitlines()
     assert lines[0].split() == ["used", "what", "of", "asked", "limit", "unit", "at"]
     assert lines[-2] == "it fits"
-    assert "catches a push of 0.1 s above 1.29 m/s forward, 1.74" in lines[-1]
+    assert (
+        "no controller catches a push of 0.1 s above 1.29 m/s forward, 1.75"
+        in lines[-1]
+    )
     assert main(["check", "--steps", "3", "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     shares = [d["share"] for d in result["demands"]]

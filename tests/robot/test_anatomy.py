@@ -211,7 +211,7 @@ def test_a_motor_beside_the_limb_follows_the_joint_that_it_drives(folder):
             "</link>"
             f'<joint name="{side}_motor" type="revolute"><parent link="pelvis"/>'
             f'<child link="{side}_gear"/><axis xyz="0 0 1"/>'
-            '<limit lower="-9" upper="9" effort="50" velocity="6"/></joint></robot>'
+            '<limit lower="-2" upper="2" effort="50" velocity="6"/></joint></robot>'
         )
         text = text.replace("</robot>", motor)
     file = folder / "geared.urdf"
@@ -221,6 +221,8 @@ def test_a_motor_beside_the_limb_follows_the_joint_that_it_drives(folder):
     j = robot.joints.index("left_hip_z")
     assert robot.torque[j] == pytest.approx(100.0)
     assert robot.speed[j] == pytest.approx(3.0)
+    assert robot.upper[j] == pytest.approx(1.1)  # -0.5 * -2 + 0.1, of 2.5 in the file
+    assert robot.lower[j] == pytest.approx(-0.9)
     assert "left_motor" not in robot.anatomy.legs[Side.LEFT]
 
 

@@ -732,8 +732,8 @@ def test_flags_that_disable_physics_are_dropped(tmp_path):
     file = read(tmp_path, MJCF.format(free=FREE, more=more), "robot.xml")
     assert file.spec.compile().opt.disableflags == 0
     (told,) = [note for note in file.notes if "comwalk sets its own" in note]
-    assert "contact disabled" in told
     assert "gravity disabled" in told
+    assert told.count("disabled") == 3
 
 
 @pytest.mark.parametrize(
@@ -796,14 +796,13 @@ def test_options_of_the_simulation_are_left_out(tmp_path):
 def test_limbs_that_hang_on_the_world_are_refused(tmp_path):
     """A trunk that is part of the world has no mass: the legs alone are no robot."""
     text = MJCF.format(free="", more="")
-    limb = (
-        '<body name="{}"><joint name="{}_j"/><geom size="0.1" mass="1"/>'
-        '<body name="{}_2"><joint name="{}_k"/><geom size="0.1" mass="1"/></body>'
-        "</body>"
+    link = '<body name="{0}_{1}"><joint name="{0}_{1}"/><geom size="0.1" mass="1"/>'
+    limbs = "".join(
+        "".join(link.format(name, k) for k in range(4)) + 4 * "</body>"
+        for name in ("left", "right")
     )
-    limbs = "".join(limb.format(*[name] * 4) for name in ("left", "right"))
     start, end = text.index("<worldbody>"), text.index("</worldbody>")
     text = text[:start] + f"<worldbody>{limbs}" + text[end:]
     text = re.sub(r"<(keyframe|actuator|sensor|contact)>.*?</\1>", "", text, flags=re.S)
-    with pytest.raises(ModelError, match="left, right hang on the world by hinges"):
+    with pytest.raises(ModelError, match="left_0, right_0 hang on the world by hinges"):
         read(tmp_path, text, "robot.xml")

@@ -214,7 +214,18 @@ def test_soft_servos_that_rub_are_replaced_by_stiff_ones(file_with):
     weight = robot.mass * robot.gravity * robot.com_height
     assert robot.servo.stiffness[legs].min() > SOFTEST * weight
     assert stance_ratio(robot) > LEAST_STANCE
-    assert load_robot(file, actuation="position").servo.stiffness[legs].max() == 75.0
+    same = load_robot(file, actuation="position").servo.stiffness
+    assert same == pytest.approx(robot.servo.stiffness)
+    elbow = next(j for j in robot.joints if "elbow" in j)
+    profile = {
+        "servo": {
+            elbow: {"stiffness": 7.0},
+            robot.joints[legs[3]]: {"stiffness": 300.0},
+        }
+    }
+    told = load_robot(file, profile=profile).servo.stiffness
+    assert told[robot.joints.index(elbow)] == pytest.approx(7.0)
+    assert told[legs[3]] == pytest.approx(300.0)
 
 
 def test_a_file_with_much_friction_takes_positions(tmp_path):

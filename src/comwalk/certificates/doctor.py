@@ -92,7 +92,7 @@ def findings(
     """
     result, fault = walk or default_walk(robot)
     found = [
-        *_faults(result, fault),
+        *_faults(robot, result, fault),
         *_ankles(robot),
         *(_friction(robot) if result is not None else ()),
         *_narrow(robot, result, fault),
@@ -105,8 +105,12 @@ def findings(
     return tuple(sorted(found, key=lambda f: (STOPS, DOUBT, NOTE).index(f.level)))
 
 
-def _faults(result: Feasibility | None, fault: str | None) -> Iterator[Finding]:
+def _faults(
+    robot: Robot, result: Feasibility | None, fault: str | None
+) -> Iterator[Finding]:
     """Yield why the robot does not walk."""
+    stated = "half_step" in robot.profile.gait.values
+    why = "no gait fits, not even stepping in place"
     if fault is None:
         return
     if result is None:
@@ -118,7 +122,7 @@ def _faults(result: Feasibility | None, fault: str | None) -> Iterator[Finding]:
                 STOPS,
                 demand.joint,
                 _text(demand),
-                "no gait fits, not even stepping in place",
+                "the profile states this gait" if stated else why,
                 _CHANGES.get(demand.what, ""),
             )
 
@@ -146,7 +150,7 @@ def _narrow(
             left = f"{1.0 - demand.share:.0%} is left for feedback"
             yield Finding(DOUBT, demand.joint, _text(demand), left, _LIMITS)
     gait, usual = default_gait(robot), similar_gait(robot)
-    if gait.speed < 0.99 * usual.speed:
+    if gait.speed < 0.99 * usual.speed and not robot.profile.gait.values:
         limit, why = _tried(robot, usual)
         share = f"the default gait is {gait.speed / usual.speed:.0%} of the usual speed"
         where = limit.worst.joint if limit is not None else ""
@@ -160,7 +164,7 @@ def _ankles(robot: Robot) -> Iterator[Finding]:
     for side in Side:
         sole, pair = robot.anatomy.soles[side], robot.anatomy.legs[side][-2:]
         joints = [robot.joints.index(name) for name in pair]
-        pitch = max(joints, key=lambda j: abs(axes.data.xaxis[1 + j][1]))
+        pitch = max(joints[::-1], key=lambda j: abs(axes.data.xaxis[1 + j][1]))
         arm = robot.torque[pitch] / weight
         reach = 0.5 * sole.size[0] + abs(sole.ankle[0])
         if arm < 0.5 * reach:

@@ -190,11 +190,12 @@ def friction_fault(
     if unknown <= most:
         return None
     told = ", a fifth of what the file tells," if own else ""
+    known = f"body.known_friction {more + body.known_friction:.2g}"
+    known = f"state what is known, such as {known}, or " if own <= most else ""
     return (
         f"joints with {unknown:.3g} N m of unknown friction{told} shift the ZMP too "
         f"far for soles of {1e3 * width:.0f} mm, which bear {most:.2g} N m by torque; "
-        f"state what is known, such as body.known_friction {0.8 * unknown:.2g}, or "
-        "walk by actuation position"
+        f"{known}walk by actuation position"
     )
 
 

@@ -23,7 +23,7 @@ from ..errors import ParameterError
 from ..pattern import Pattern, Reference
 from ..robot import Robot
 from ..run import Prepared, Run, prepare
-from ..runs import Moment
+from ..runs import Moment, judged
 from ..setup import Setup
 
 PUSH_TIME = 0.1
@@ -227,7 +227,9 @@ class LiveWalk:
             outcome = dataclasses.replace(
                 outcome, end=End.COMPLETED, time=end, cause=""
             )
-        if outcome.end is not End.COMPLETED and self.latest is not None:
+        if self.robot is not None:
+            outcome = judged(outcome, parts.log, setup.pattern, self.robot)
+        if outcome.end is End.FELL and self.latest is not None:
             self._lie(outcome)
         return Run(
             outcome=outcome,

@@ -134,7 +134,7 @@ def check(robot: _Robot = None, /, *, flags: Any = None, config: _File = None) -
         )
         if pushes := _pushes(setup):
             most = ", ".join(f"{v:.2f} m/s {way}" for way, v in pushes.items())
-            print(f"no controller that steps catches a push of 0.1 s above {most}")
+            print(f"at worst, no controller catches a push of 0.1 s above {most}")
     return 0 if result.ok else 1
 
 

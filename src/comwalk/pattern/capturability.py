@@ -41,7 +41,7 @@ _LATEST = 2.0  # how long a touchdown may be put off [s], in single supports
 class Stepping:
     """What feet can do, of which the bound is made."""
 
-    forward: float = setting(0.7, "Longest step, from sole to sole", "m", "(0, 5]")
+    forward: float = setting(0.7, "Longest step, from sole to sole", "m", "[0, 5]")
     aside: float = setting(0.5, "Largest distance of the feet aside", "m", "(0, 5]")
     beside: float = setting(0.15, "Least distance of the feet aside", "m", "(0, 5]")
     foot_speed: float = setting(2.0, "Speed of a swinging foot", "m/s", "(0, 50]")
@@ -173,14 +173,15 @@ def _largest(
     foot = axes @ (np.array(swings.position[:2]) - place)  # inward positive
     sole, step = pattern.plan.sole_size, lengths(stepping)
     ahead, inward, outward = capture_limits(pattern.pendulum, sole, stepping, steps - 1)
-    soonest = max(stepping.least_time - share * whole, duration)
+    soonest = max(stepping.least_time - share * whole, 0.05 * duration)
     T = np.linspace(soonest, max(_LATEST * whole, 2.0 * soonest), _TIMES)
     way = stepping.foot_speed * T
     best = np.maximum.accumulate(step + ahead)
     far = np.minimum(stepping.aside, foot[1] + way) + outward
     near = inward - np.maximum(stepping.beside, foot[1] - way)
     grown = np.exp(omega * T)
-    pushed = (grown - np.exp(omega * (T - duration))) / (duration * omega**2)
+    over = np.maximum(T - duration, 0.0)
+    pushed = (grown - np.exp(omega * over)) / (duration * omega**2)
     h_x, h_y = 0.5 * sole[0], 0.5 * sole[1]
     reached = [
         (sign * dcm[0], h_x, np.interp(way + sign * foot[0], step, best, left=-np.inf))

@@ -263,7 +263,9 @@ def load_robot(
     model = compile_model(file.spec, f"robot {file.path}")
     home = home_of(model, file.path, told if marked else Profile())
     wanted = None if actuation is None else Actuation(actuation)
-    takes, anatomy = suit_servos(file.spec, model, anatomy, home, pd, wanted)
+    takes, anatomy = suit_servos(
+        file.spec, model, anatomy, home, pd, wanted, told.servo
+    )
     for actuator in file.spec.actuators:
         actuator.gainprm[0] *= factor
         actuator.biasprm[1] *= factor

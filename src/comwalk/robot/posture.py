@@ -212,7 +212,7 @@ class _Seeker:
         return self._settled(min(tried.values(), key=lambda found: found[1])[0])
 
     def _load(self, torque: np.ndarray) -> float:
-        """Return the share of the usable torques that one foot takes, also swaying."""
+        """Return the share of usable torques on one foot, swaying if it can."""
         home, com_height = self.q.copy(), self._com_height()
         load = max(self._effort(side, torque) for side in Side) / _EFFORT
         for side in Side:
@@ -242,13 +242,13 @@ class _Seeker:
 
         The hips stay at their height; joints may go to the ends of their ranges.
         """
-        kept = self.low, self.high, self.soles
+        kept, nearest = (self.low, self.high, self.soles), self.nearest
         self.low, self.high = _ranges(self.model, self.limbs.coupling, margin=0.0)
         self.soles, self.com[1] = soles, com_y
         lifted = 0.5 * sum(float(place[2]) for place in soles.values())
         found = self._stand(self._hips() - lifted)
         self.low, self.high, self.soles = kept
-        self.com[1] = 0.0
+        self.com[1], self.nearest = 0.0, nearest
         return found is not None
 
     def _hips(self) -> float:

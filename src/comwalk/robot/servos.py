@@ -8,7 +8,7 @@ times are those of the paper's robot times the root of the CoM heights' ratio.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import mujoco
@@ -175,6 +175,7 @@ def suit_servos(
     q: np.ndarray,
     pd: tuple[float, float, float] | None,
     wanted: Actuation | None,
+    stated: Collection[str] = (),
 ) -> tuple[Actuation, Anatomy]:
     """Give joints the servos that suit what they take.
 
@@ -188,30 +189,34 @@ def suit_servos(
         wanted: What the joints take. If None, positions where legs have gains of their
             own that hold the body without torques, or joints whose friction only stiff
             servos overcome, and else torques with gains about positions.
+        stated: Joints whose gains a profile states; they stay.
 
     Returns:
         What the joints take; and the parts, with the joints whose servos are designed.
     """
-    usual = Actuation.PD
-    if pd is None and _takes_positions(spec, model, anatomy, q):
+    rubs, usual = _rubs(model, anatomy), Actuation.PD
+    if pd is None and (rubs or _hold_the_body(spec, model, anatomy, q)):
         usual = Actuation.POSITION
     takes = wanted or usual
     if takes is not Actuation.POSITION:
         _soften(spec, model, anatomy, q, pd)
-    elif wanted is None:
-        anatomy = _stiffen(spec, model, anatomy, q)
+    elif rubs:
+        anatomy = _stiffen(spec, model, anatomy, q, stated)
     return takes, anatomy
 
 
-def _takes_positions(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray
-) -> bool:
-    """Return whether legs hold the body without torques, or have much friction."""
+def _rubs(model: mujoco.MjModel, anatomy: Anatomy) -> bool:
+    """Return whether only stiff servos overcome the friction of the joints."""
     width = min(sole.size[1] for sole in anatomy.soles.values())
     mass, gravity = float(model.body_subtreemass[1]), abs(float(model.opt.gravity[2]))
     most = MOST_FRICTION * mass * gravity * 0.5 * width
-    if DOUBTED_FRICTION * model.dof_frictionloss[6:].max(initial=0.0) > most:
-        return True
+    return DOUBTED_FRICTION * float(model.dof_frictionloss[6:].max(initial=0.0)) > most
+
+
+def _hold_the_body(
+    spec: mujoco.MjSpec, model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray
+) -> bool:
+    """Return whether legs have gains of their own that hold it without torques."""
     legs = {j for leg in anatomy.legs.values() for j in leg} - {*anatomy.designed}
     own = [-a.biasprm[1] for a in spec.actuators if a.target in legs]
     weight = design_servos(model, anatomy, q).weight
@@ -219,20 +224,24 @@ def _takes_positions(
 
 
 def _stiffen(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray
+    spec: mujoco.MjSpec,
+    model: mujoco.MjModel,
+    anatomy: Anatomy,
+    q: np.ndarray,
+    stated: Collection[str],
 ) -> Anatomy:
-    """Give legs that are too soft to take positions the servos of `design_servos`."""
+    """Give legs and torso that are too soft to take positions designed servos."""
     design = design_servos(model, anatomy, q)
     legs = {j for leg in anatomy.legs.values() for j in leg}
-    servos = [a for a in spec.actuators if a.target in design.gains]
-    if (
-        min(-a.biasprm[1] for a in servos if a.target in legs)
-        >= SOFTEST * design.weight
-    ):
+    servos = [a for a in spec.actuators if a.target in {*legs, *anatomy.torso}]
+    own = [-a.biasprm[1] for a in servos if a.target in legs]
+    if min(own, default=math.inf) >= SOFTEST * design.weight:
         return anatomy
+    servos = [a for a in servos if a.target not in stated]
     for actuator in servos:
         set_gains(actuator, design.gains[actuator.target])
-    return replace(anatomy, designed=tuple(a.target for a in servos))
+    made = dict.fromkeys((*anatomy.designed, *(a.target for a in servos)))
+    return replace(anatomy, designed=tuple(made))
 
 
 def _soften(

@@ -188,9 +188,10 @@ def _keep_robot(spec: mujoco.MjSpec, base: mujoco.MjsBody, notes: list[str]) -> 
 
 
 def _hangs(body: mujoco.MjsBody) -> bool:
-    """Return whether nothing but hinges is between a body and what bears it."""
+    """Return whether a limb hangs by hinges, and not a door, on what bears it."""
     kinds = {joint.type for joint in body.joints}
-    return kinds == {mujoco.mjtJoint.mjJNT_HINGE}
+    many = 2 * len(body.find_all("joint")) >= _LEGS
+    return kinds == {mujoco.mjtJoint.mjJNT_HINGE} and many
 
 
 def _link_meshes(spec: mujoco.MjSpec, outline: mujoco.MjModel) -> list[LinkMesh]:

@@ -163,10 +163,12 @@ def with_limbs_leading(file: ModelFile, model: mujoco.MjModel) -> ModelFile:
             mimics.append(m)
             continue
         mimics.append(Mimic(m.primary, m.joint, 1.0 / m.ratio, -m.offset / m.ratio))
-        if m.primary in torque:
-            torque[m.joint] = torque[m.primary] / abs(m.ratio)
-        if m.primary in speed:
-            speed[m.joint] = speed[m.primary] * abs(m.ratio)
+        geared = (torque, 1.0 / abs(m.ratio)), (speed, abs(m.ratio))
+        for limits, factor in geared:
+            if m.primary in limits:
+                most = factor * limits[m.primary]
+                limits[m.joint] = min(most, limits.get(m.joint, most))
+        _narrow(file.spec, model, m)
     return replace(file, mimics=tuple(mimics), speed=speed, torque=torque)
 
 
@@ -184,6 +186,21 @@ def check_depth(root: ET.Element) -> None:
         level = [child for element in level for child in element]
     if level:
         raise ModelError(f"its elements are nested more than {DEEPEST} deep")
+
+
+def _narrow(spec: mujoco.MjSpec, model: mujoco.MjModel, m: Mimic) -> None:
+    """Give a driven joint the range that its motor has."""
+    motor, driven = model.joint(m.primary), model.joint(m.joint)
+    if not model.jnt_limited[motor.id]:
+        return
+    ends = m.ratio * motor.range + m.offset
+    low, high = float(ends.min()), float(ends.max())
+    if model.jnt_limited[driven.id]:
+        low, high = max(low, driven.range[0]), min(high, driven.range[1])
+    joint = spec.joint(m.joint)
+    joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+    unit = 180.0 / np.pi if spec.compiler.degree else 1.0
+    joint.range = unit * np.array([low, high])
 
 
 def first_of(names: Sequence[str], count: int = 4) -> str:

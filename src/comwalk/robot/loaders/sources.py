@@ -285,7 +285,11 @@ def _use_own_physics(spec: mujoco.MjSpec, notes: list[str]) -> None:
     """Take back what a file says of the simulation: soles slip on a poor solver."""
     usual, changed = mujoco.MjSpec().option, []
     flags = mujoco.mjtDisableBit.__members__.items()
-    off = [name[7:].lower() for name, bit in flags if spec.option.disableflags & bit]
+    off = [
+        name[7:].lower()
+        for name, bit in flags
+        if name.startswith("mjDSBL_") and spec.option.disableflags & bit
+    ]
     for name in (n for n in dir(usual) if n[0] != "_" and n not in _KEPT):
         value = getattr(usual, name)
         if not np.array_equal(value, getattr(spec.option, name)):

@@ -28,7 +28,7 @@ from .parts import Surroundings, first_of, rotation_of
 _PLANE = mujoco.mjtGeom.mjGEOM_PLANE
 _FREE = mujoco.mjtJoint.mjJNT_FREE
 _LEVEL = 1e-3  # heights [m] and cosines that are as good as equal
-_ABOVE = 0.1  # how far above the robot's first body the ground may be [m]
+_ABOVE = 0.1  # how far above the robot's first body, or off its soles, it may be [m]
 _HIGH = 100.0  # above all that there is [m]
 
 
@@ -265,7 +265,14 @@ def _find_ground(
     solid &= model.body_weldid[model.geom_bodyid] == 0
     tops = [_tops(model, solid, foot) for foot in feet]
     below = [z for own in tops for z in own if z < max(top, *feet[:, 2]) + _ABOVE]
-    found = [max(below)] if below else [min(own) for own in tops if own]
+    heights = feet[:, 2].tolist()
+    near = [
+        z
+        for own, foot in zip(tops, heights, strict=True)
+        for z in own
+        if _is_near(z, foot)
+    ]
+    found = [max(near or below)] if below else [min(own) for own in tops if own]
     firm = [(geom, z) for geom, z in planes if solid[geom.id]]
     height = max(found or [z for _, z in firm], default=0.0)
     floor, told = None, f"its ground at {height:.4g} m is one of its shapes"
@@ -280,6 +287,10 @@ def _find_ground(
         floor, told = (1, 1), "no floor in it, so there is one at its z = 0"
     delete_geoms(spec, [geom for geom, z in planes if abs(z - height) < _LEVEL])
     return height, floor, f"the file's world is kept: {_counted(spec)}; {told}"
+
+
+def _is_near(height: float, sole: float) -> bool:
+    return abs(height - sole) < _ABOVE
 
 
 def _tops(model: mujoco.MjModel, solid: np.ndarray, point: np.ndarray) -> list[float]:

@@ -1,5 +1,6 @@
 """The command line: exit codes, what is printed, what is written, what is refused."""
 
+import contextlib
 import errno
 import json
 import math
@@ -669,14 +670,19 @@ def test_bad_input_gives_one_clear_line(wrong_files, monkeypatch, capsys, words,
 # ---- A full disk ------------------------------------------------------------------
 
 
-@pytest.fixture
+@contextlib.contextmanager
 def little_space():
-    """Files of 1 kB at most, as on a disk that is nearly full."""
+    """Files of 1 kB at most, as on a disk that is nearly full.
+
+    No fixture: pytest writes its own report, maybe to a longer file, before it ends one.
+    """
     resource = pytest.importorskip("resource")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)
     resource.setrlimit(resource.RLIMIT_FSIZE, (1000, limits[1]))
-    yield
-    resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
 
 
 WRITING = {
@@ -697,12 +703,12 @@ WRITING = {
 
 
 @pytest.mark.parametrize(("words", "file"), WRITING.values(), ids=WRITING)
-def test_a_full_disk_is_told_with_the_file(
-    run, here, little_space, capsys, words, file
-):
+def test_a_full_disk_is_told_with_the_file(run, here, capsys, words, file):
     """In one line that says what could not be written, and why."""
     (run / "run.mcap").unlink(missing_ok=True)
-    assert main([word.format(run=run) for word in words]) == 2
+    with little_space():
+        code = main([word.format(run=run) for word in words])
+    assert code == 2
     error = capsys.readouterr().err
     assert file in error
     assert re.search("File too large|Invalid argument", error)

@@ -674,7 +674,7 @@ def test_bad_input_gives_one_clear_line(wrong_files, monkeypatch, capsys, words,
 def little_space():
     """Files of 1 kB at most, as on a disk that is nearly full.
 
-    No fixture: pytest writes its own report, maybe to a longer file, before it ends one.
+    No fixture: pytest writes its report, maybe to a longer file, before it ends one.
     """
     resource = pytest.importorskip("resource")
     limits = resource.getrlimit(resource.RLIMIT_FSIZE)

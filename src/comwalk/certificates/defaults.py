@@ -32,8 +32,8 @@ from ..settings import Given
 from .certificate import SoleRoom
 from .gain_check import sampled_loop_of, servo_lag_of
 from .gain_design import Design, DesignGoal, design, rounded
-from .plan_check import feasibility
-from .reach import SOLE_GAP
+from .plan_check import Feasibility, feasibility
+from .reach import least_width
 from .sampled_loop import SampledLoop, highest_cutoff
 
 SIDE_STEP = 0.05
@@ -331,7 +331,7 @@ def largest_gait(robot: Robot) -> Gait:
     gait = stated.over(similar_gait(robot))
     if "half_step" in stated.values:
         return gait
-    least = 0.5 * _least_width(robot)
+    least = 0.5 * least_width(robot)
     for share, time, width in _TRIALS:
         lower = max(share, _LEAST_SWING)
         shorter = replace(
@@ -372,18 +372,29 @@ _USE = 0.98  # share of a limit that the natural gait may use
 def _fits(robot: Robot, gait: Gait) -> bool:
     """Return whether a few steps keep the limits of joints and legs."""
     try:
-        plan = plan_steps(gait, 4, sole_size=robot.sole_size)
-        pattern = make_pattern(plan, default_pendulum(robot))
-        demands = feasibility(robot, pattern).demands
+        demands = demands_of_gait(robot, gait).demands
     except ComwalkError:
         return False
     return all(d.share <= _USE for d in demands if d.what not in _NOT_OF_STEPS)
 
 
-def _least_width(robot: Robot) -> float:
-    """Return the least distance of the feet at which soles do not meet [m]."""
-    r = round(robot.com_height, 3) / PAPER_PENDULUM.height
-    return robot.sole_size[1] + SOLE_GAP * r
+@lru_cache(maxsize=32)
+def demands_of_gait(robot: Robot, gait: Gait) -> Feasibility:
+    """Return what a few steps of a gait ask of a robot.
+
+    Args:
+        robot: The robot.
+        gait: The gait.
+
+    Returns:
+        The demands, of four steps.
+
+    Raises:
+        ModelError: If a leg has not six joints, or inertias are not a robot's.
+        PlanError: If there are no such steps.
+    """
+    plan = plan_steps(gait, 4, sole_size=robot.sole_size)
+    return feasibility(robot, make_pattern(plan, default_pendulum(robot)))
 
 
 def similar_gait(robot: Robot) -> Gait:
@@ -400,7 +411,7 @@ def similar_gait(robot: Robot) -> Gait:
     lengths = ("half_step", "swing_height")
     return replace(
         PAPER_GAIT,
-        half_width=rounded(0.5 * max(robot.stance_width, _least_width(robot))),
+        half_width=rounded(0.5 * max(robot.stance_width, least_width(robot))),
         **{k: rounded(math.sqrt(r) * getattr(PAPER_GAIT, k)) for k in times},
         **{k: rounded(r * getattr(PAPER_GAIT, k)) for k in lengths},
     )

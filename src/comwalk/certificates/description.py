@@ -24,7 +24,7 @@ from ..robot import (
 from ..robot.loaders import first_of
 from ..sides import Side
 from .defaults import default_gait, default_pendulum
-from .doctor import Finding, default_walk, findings
+from .doctor import Finding, default_walk, findings, missing_limits
 
 
 def profile_of(robot: Robot) -> Profile:
@@ -103,7 +103,7 @@ def describe(robot: Robot) -> dict[str, Any]:
         Numbers, names of joints by part, soles, servos, limits, gait, notes, and
         findings, worst first.
     """
-    anatomy, walk = robot.anatomy, default_walk(robot)
+    anatomy = robot.anatomy
     parts = {f"{side}_leg": list(anatomy.legs[side]) for side in Side}
     parts |= {f"{side}_arm": list(joints) for side, joints in anatomy.arms.items()}
     parts |= {"torso": list(anatomy.torso), "head": list(anatomy.head)}
@@ -125,10 +125,10 @@ def describe(robot: Robot) -> dict[str, Any]:
         "home_rad": {k: round(q, 4) for k, q in robot.home_angles.items()},
         "actuation": str(robot.actuation),
         "servos": _servos(robot),
-        "missing_limits": _missing(robot),
+        "missing_limits": missing_limits(robot),
         "roles": {role: joint for role, (joint, _) in robot.roles.items()},
-        "gait": _gait(robot, walk[1]),
-        "findings": [asdict(finding) for finding in findings(robot, walk)],
+        "gait": _gait(robot),
+        "findings": [asdict(finding) for finding in findings(robot)],
         "notes": list(robot.notes),
     }
 
@@ -156,18 +156,11 @@ def _servos(robot: Robot) -> dict[str, dict[str, float | bool]]:
     }
 
 
-def _missing(robot: Robot) -> dict[str, list[str]]:
-    columns = {"range": robot.upper - robot.lower, "speed": robot.speed}
-    columns |= {"torque": robot.torque}
-    names = np.array(robot.joints)
-    return {what: names[np.isinf(x)].tolist() for what, x in columns.items()}
-
-
-def _gait(robot: Robot, fault: str | None) -> dict[str, Any]:
+def _gait(robot: Robot) -> dict[str, Any]:
     """Return the gait that the robot walks with unless told otherwise, or why not."""
     gait = default_gait(robot)
     return {
-        "fault": fault,
+        "fault": default_walk(robot)[1],
         "speed_m_s": _digits(gait.speed),
         "step_length_m": _digits(gait.step_length),
         "step_time_s": gait.period,

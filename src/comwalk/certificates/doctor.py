@@ -14,12 +14,12 @@ import numpy as np
 
 from ..control import BodySettings
 from ..errors import ComwalkError
-from ..pattern import Gait, make_pattern, plan_steps
-from ..robot import LEGS, Kinematics, Robot
+from ..pattern import Gait
+from ..robot import LEGS, Kinematics, Robot, fitted_note
 from ..robot.loaders import first_of
 from ..sides import Side
-from .defaults import default_gait, default_pendulum, similar_gait, walk_pattern
-from .plan_check import Demand, Feasibility, feasibility
+from .defaults import default_gait, demands_of_gait, similar_gait, walk_pattern
+from .plan_check import Demand, Feasibility
 from .reach import friction_fault
 
 STOPS, DOUBT, NOTE = "stops", "doubt", "note"
@@ -31,7 +31,6 @@ _TURN = 4.0 * np.pi  # wider ranges are not those of a joint in rad
 _SPEEDS = 0.3, 100.0  # of a leg's joints [rad/s]
 _STRONG = 10.0  # torques beyond this many m g c_z are no motor's
 _ALIKE = 0.05  # by which left and right may differ [-]
-_STEPS = 4
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,26 +70,23 @@ def default_walk(robot: Robot) -> tuple[Feasibility | None, str | None]:
 def _tried(robot: Robot, gait: Gait) -> tuple[Feasibility | None, str | None]:
     """Return what a few steps ask of a robot, and why they cannot be walked."""
     try:
-        plan = plan_steps(gait, _STEPS, sole_size=robot.sole_size)
-        result = feasibility(robot, make_pattern(plan, default_pendulum(robot)))
+        result = demands_of_gait(robot, gait)
     except ComwalkError as error:
         return None, str(error)
     return result, None if result.ok else str(result.worst)
 
 
-def findings(
-    robot: Robot, walk: tuple[Feasibility | None, str | None] | None = None
-) -> tuple[Finding, ...]:
+def findings(robot: Robot) -> tuple[Finding, ...]:
     """Return what about a robot matters for walking, worst first.
 
     Args:
         robot: The robot.
-        walk: What `default_walk` says of it, if it is known.
 
     Returns:
         What stops it, what is doubtful, and notes on what was changed or assumed.
     """
-    result, fault = walk or default_walk(robot)
+    result, fault = default_walk(robot)
+    assumed = {fitted_note(k) for k, s in robot.anatomy.soles.items() if s.is_fitted}
     found = [
         *_faults(robot, result, fault),
         *_ankles(robot),
@@ -99,8 +95,8 @@ def findings(
         *_uneven(robot),
         *_units(robot),
         *_missing(robot),
-        *_assumed(robot),
-        *(Finding(NOTE, "", note) for note in robot.notes if _SOLE not in note),
+        *(Finding(DOUBT, "", n, *_ASSUMED) for n in robot.notes if n in assumed),
+        *(Finding(NOTE, "", n) for n in robot.notes if n not in assumed),
     ]
     return tuple(sorted(found, key=lambda f: (STOPS, DOUBT, NOTE).index(f.level)))
 
@@ -109,13 +105,13 @@ def _faults(
     robot: Robot, result: Feasibility | None, fault: str | None
 ) -> Iterator[Finding]:
     """Yield why the robot does not walk."""
-    stated = "half_step" in robot.profile.gait.values
-    why = "no gait fits, not even stepping in place"
     if fault is None:
         return
     if result is None:
         yield Finding(STOPS, "", fault)
         return
+    stated = "half_step" in robot.profile.gait.values
+    why = "no gait fits, not even stepping in place"
     for demand in result.demands:
         if demand.share > 1.0:
             yield Finding(
@@ -123,17 +119,17 @@ def _faults(
                 demand.joint,
                 _text(demand),
                 "the profile states this gait" if stated else why,
-                _CHANGES.get(demand.what, ""),
+                _LIMITS if demand.what in _OF_JOINTS else "",
             )
 
 
 _LIMITS = "state it under [limits] of a profile if the robot has more"
-_CHANGES = dict.fromkeys(("position", "speed", "torque"), _LIMITS)
-_SOLE = "a sole of usual proportions is assumed"
+_OF_JOINTS = "position", "speed", "torque"
+_ASSUMED = "the true sole may be smaller", "state it under [soles] of a profile"
 
 
 def _text(demand: Demand) -> str:
-    if demand.what not in _CHANGES:
+    if demand.what not in _OF_JOINTS:
         return f"the default gait: {demand}"
     used, there = f"{demand.demanded:.3g}", f"{demand.limit:.3g} {demand.unit}"
     return f"the default gait needs a {demand.what} of {used}, and {there} are there"
@@ -146,7 +142,7 @@ def _narrow(
     if result is None or fault is not None:
         return
     for demand in result.demands:
-        if demand.share >= NEARLY and demand.what in ("torque", "speed", "position"):
+        if demand.share >= NEARLY and demand.what in _OF_JOINTS:
             left = f"{1.0 - demand.share:.0%} is left for feedback"
             yield Finding(DOUBT, demand.joint, _text(demand), left, _LIMITS)
     gait, usual = default_gait(robot), similar_gait(robot)
@@ -187,13 +183,15 @@ def _friction(robot: Robot) -> Iterator[Finding]:
 
 def _uneven(robot: Robot) -> Iterator[Finding]:
     """Yield what differs between left and right."""
-    columns: dict[str, list[tuple[str, str, float, float]]] = {}
-    for what, unit, left, right in _pairs(robot):
-        most = max(abs(left), abs(right))
-        if left != right and (np.isinf(most) or abs(left - right) > _ALIKE * most):
-            columns.setdefault(f"{what} [{unit}]", []).append((what, unit, left, right))
-    for name, rows in columns.items():
-        _, _, left, right = max(rows, key=lambda row: abs(row[2] - row[3]))
+    widest: dict[str, tuple[float, float]] = {}
+    for name, left, right in _pairs(robot):
+        most, apart = max(abs(left), abs(right)), abs(left - right)
+        if left == right or (apart <= _ALIKE * most and not np.isinf(most)):
+            continue
+        before = widest.setdefault(name, (left, right))
+        if apart > abs(before[0] - before[1]):
+            widest[name] = left, right
+    for name, (left, right) in widest.items():
         yield Finding(
             DOUBT,
             "left and right",
@@ -203,8 +201,8 @@ def _uneven(robot: Robot) -> Iterator[Finding]:
         )
 
 
-def _pairs(robot: Robot) -> Iterator[tuple[str, str, float, float]]:
-    """Yield what should be alike: name, unit, left and right."""
+def _pairs(robot: Robot) -> Iterator[tuple[str, float, float]]:
+    """Yield what should be alike: name with its unit, left and right."""
     m, anatomy, kinematics = robot.model, robot.anatomy, Kinematics(robot)
     kinematics.update(robot.home)
     anchors = kinematics.data.xanchor
@@ -214,17 +212,17 @@ def _pairs(robot: Robot) -> Iterator[tuple[str, str, float, float]]:
         pairs = zip(limbs[Side.LEFT], limbs[Side.RIGHT], strict=True)
         for left, right in ([robot.joints.index(n) for n in pair] for pair in pairs):
             masses = m.body_subtreemass[m.jnt_bodyid[[1 + left, 1 + right]]]
-            yield f"mass of the {part}", "kg", float(masses[0]), float(masses[1])
+            yield f"mass of the {part} [kg]", float(masses[0]), float(masses[1])
             if part == "leg":
                 torque, width = robot.torque, robot.upper - robot.lower
-                yield "torque limit", "N m", float(torque[left]), float(torque[right])
-                yield "joint range", "rad", float(width[left]), float(width[right])
+                yield "torque limit [N m]", float(torque[left]), float(torque[right])
+                yield "joint range [rad]", float(width[left]), float(width[right])
         both = [anchors[[1 + robot.joints.index(n) for n in limbs[s]]] for s in Side]
         spans = [float(np.linalg.norm(np.diff(x, axis=0), axis=1).sum()) for x in both]
-        yield f"length of the {part}", "m", spans[0], spans[1]
+        yield f"length of the {part} [m]", spans[0], spans[1]
     soles = [anatomy.soles[side].size for side in Side]
     for what, left, right in zip(("length", "width"), *soles, strict=True):
-        yield f"{what} of the sole", "m", left, right
+        yield f"{what} of the sole [m]", left, right
 
 
 def _units(robot: Robot) -> Iterator[Finding]:
@@ -262,33 +260,28 @@ def _units(robot: Robot) -> Iterator[Finding]:
 
 def _missing(robot: Robot) -> Iterator[Finding]:
     """Yield limits that the legs do not have."""
-    columns = {"range": robot.upper - robot.lower, "speed": robot.speed}
-    columns |= {"torque": robot.torque}
-    for what, values in columns.items():
-        names = [name for j, name in _leg_joints(robot) if np.isinf(values[j])]
-        if names:
+    legs = {name for _, name in _leg_joints(robot)}
+    for what, joints in missing_limits(robot).items():
+        if names := [name for name in joints if name in legs]:
             yield Finding(
                 DOUBT,
-                names[0]
-                if len(names) == 1
-                else f"{names[0]} and {len(names) - 1} more",
+                first_of(names, 1),
                 f"no {what} limit",
                 f"whether a plan keeps to the {what} of the legs cannot be checked",
                 "state it under [limits] of a profile",
             )
 
 
-def _assumed(robot: Robot) -> Iterator[Finding]:
-    """Yield soles that were made up."""
-    notes = [note for note in robot.notes if _SOLE in note]
-    for note in notes:
-        yield Finding(
-            DOUBT,
-            "",
-            note,
-            "the true sole may be smaller",
-            "state it under [soles] of a profile",
-        )
+def missing_limits(robot: Robot) -> dict[str, list[str]]:
+    """Return the joints that lack a limit, by its kind: range, speed, torque.
+
+    Args:
+        robot: The robot.
+    """
+    columns = {"range": robot.upper - robot.lower, "speed": robot.speed}
+    columns |= {"torque": robot.torque}
+    names = np.array(robot.joints)
+    return {what: names[np.isinf(x)].tolist() for what, x in columns.items()}
 
 
 def _leg_joints(robot: Robot) -> Iterator[tuple[int, str]]:

@@ -69,6 +69,16 @@ def leg_reaches(
     return reaches
 
 
+def least_width(robot: Robot) -> float:
+    """Return the least distance of the feet at which soles do not meet [m].
+
+    Args:
+        robot: The robot.
+    """
+    r = round(robot.com_height, 3) / PAPER_PENDULUM.height
+    return robot.sole_size[1] + SOLE_GAP * r
+
+
 def stepping_of(robot: Robot) -> Stepping:
     """Return how far and how fast the feet of a robot may be taken to go.
 
@@ -93,7 +103,7 @@ def stepping_of(robot: Robot) -> Stepping:
     swings = math.sqrt(max(longest**2 - tall**2, 0.0))
     apart = float(np.linalg.norm(anchors[0][0, :2] - anchors[1][0, :2]))
     r = robot.com_height / PAPER_PENDULUM.height
-    beside = robot.sole_size[1] + SOLE_GAP * r
+    beside = least_width(robot)
     return Stepping(
         forward=2.0 * swings,
         aside=max(apart + swings, beside),

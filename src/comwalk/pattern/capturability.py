@@ -25,11 +25,9 @@ import numpy as np
 from ..errors import ParameterError
 from ..settings import check_settings, setting
 from .pendulum import Pendulum
-from .reference import Phase
+from .reference import Phase, PhaseSpan
 from .walk_pattern import Pattern
 
-DIRECTIONS = "forward", "back", "inward", "outward"
-"""Ways of a push: inward is towards the foot in the air."""
 PHASES = 0.1, 0.35, 0.6, 0.85
 """When in a single support a push begins, as shares of it [-]."""
 _LENGTHS = 101  # of steps that are tried
@@ -145,9 +143,11 @@ def largest_push(
     if not spans:
         raise ParameterError("the pattern has no step that could be pushed")
     span = spans[(len(spans) - 1) // 2]
+    limits = capture_limits(
+        pattern.pendulum, pattern.plan.sole_size, stepping, steps - 1
+    )
     found = [
-        _largest(pattern, stepping, steps, duration, span.start, span.duration, share)
-        for share in PHASES
+        _largest(pattern, stepping, limits, duration, span, share) for share in PHASES
     ]
     return Capturability(*(max(float(v), 0.0) for v in np.min(found, axis=0)))
 
@@ -155,24 +155,23 @@ def largest_push(
 def _largest(
     pattern: Pattern,
     stepping: Stepping,
-    steps: int,
+    limits: tuple[np.ndarray, float, float],
     duration: float,
-    start: float,
-    whole: float,
+    span: PhaseSpan,
     share: float,
 ) -> list[float]:
-    """Return the largest pushes that begin at one moment, by `DIRECTIONS` [m/s]."""
-    omega, time = pattern.pendulum.omega, start + share * whole
-    now = pattern.at(time)
+    """Return the largest pushes that begin at one moment, as in `Capturability`."""
+    omega, whole = pattern.pendulum.omega, span.duration
+    now = pattern.at(span.start + share * whole)
     k = 0 if now.phase is Phase.SINGLE_LEFT else 1
     stands, swings = (now.left, now.right)[:: -1 if k else 1]
     c, s = math.cos(stands.yaw), math.sin(stands.yaw)
     axes = np.array([[c, s], [-s, c]]) * np.array([[1.0], [1.0 if k else -1.0]])
-    place = np.array([stands.position[0], stands.position[1]])
+    place = stands.position[:2]
     dcm = axes @ (now.com[:2] + now.com_velocity[:2] / omega - place)
-    foot = axes @ (np.array(swings.position[:2]) - place)  # inward positive
-    sole, step = pattern.plan.sole_size, lengths(stepping)
-    ahead, inward, outward = capture_limits(pattern.pendulum, sole, stepping, steps - 1)
+    foot = axes @ (swings.position[:2] - place)  # inward positive
+    (ahead, inward, outward), step = limits, lengths(stepping)
+    h_x, h_y = 0.5 * np.array(pattern.plan.sole_size)
     soonest = max(stepping.least_time - share * whole, 0.05 * duration)
     T = np.linspace(soonest, max(_LATEST * whole, 2.0 * soonest), _TIMES)
     way = stepping.foot_speed * T
@@ -182,7 +181,6 @@ def _largest(
     grown = np.exp(omega * T)
     over = np.maximum(T - duration, 0.0)
     pushed = (grown - np.exp(omega * over)) / (duration * omega**2)
-    h_x, h_y = 0.5 * sole[0], 0.5 * sole[1]
     reached = [
         (sign * dcm[0], h_x, np.interp(way + sign * foot[0], step, best, left=-np.inf))
         for sign in (1.0, -1.0)

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from .self_collision import SelfCollision as SelfCollision
     from .servos import DOUBTED_FRICTION as DOUBTED_FRICTION
     from .servos import MOST_FRICTION as MOST_FRICTION
+    from .soles import fitted_note as fitted_note
     from .soles import sole_numbers as sole_numbers
     from .urdf_export import link_names as link_names
     from .urdf_export import robot_urdf as robot_urdf

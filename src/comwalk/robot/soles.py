@@ -71,18 +71,29 @@ class Sole:
     crosswise: bool = False
     """Whether the foot lay across the walking direction and was turned lengthwise."""
 
+    @property
+    def is_fitted(self) -> bool:
+        """Whether it is of usual proportions, as nothing tells its own."""
+        return self.origin == FITTED
+
 
 def sole_notes(soles: Mapping[Side, Sole]) -> list[str]:
     """Return what the user is told of soles that are not as the file has them."""
-    across = "lies across the walking direction in the file: its sole is turned "
-    none = "has no shape: a sole of usual proportions is assumed"
     notes = []
     for side, sole in soles.items():
         if sole.crosswise:
-            notes.append(f"the {side} foot {across}lengthwise")
-        if sole.origin == FITTED:
-            notes.append(f"the {side} foot {none}")
+            notes.append(
+                f"the {side} foot lies across the walking direction in the file: its "
+                "sole is turned lengthwise"
+            )
+        if sole.is_fitted:
+            notes.append(fitted_note(side))
     return notes
+
+
+def fitted_note(side: Side) -> str:
+    """Return the note on a foot whose sole is made up."""
+    return f"the {side} foot has no shape: a sole of usual proportions is assumed"
 
 
 @dataclass(frozen=True, eq=False)

@@ -10,7 +10,7 @@ from enum import StrEnum
 import numpy as np
 
 from ..compiled import Record, kernel, records
-from ..pattern import Pendulum, Phase, Reference
+from ..pattern import PAPER_PENDULUM, Phase, Reference
 from ..settings import check_settings, setting
 
 
@@ -92,7 +92,7 @@ def usual_watch(height: float) -> Watch:
         Defaults, the CoM's distance to scale: the paper's robot has them as they are.
     """
     usual = Watch()
-    scale = height / Pendulum().height
+    scale = height / PAPER_PENDULUM.height
     return dataclasses.replace(usual, com_error=usual.com_error * scale)
 
 

@@ -20,7 +20,7 @@ from ..errors import ModelError, one_line
 from ..sides import Side
 from .anatomy import Anatomy, find_anatomy
 from .kinematic_tree import Skeleton, zero_posture
-from .loaders import Mimic, ModelFile, quaternion_of, rotation_of
+from .loaders import Mimic, ModelFile, first_key, quaternion_of, rotation_of
 from .mimic import Coupling, couple
 from .posture import Limbs, find_posture
 from .profile import Profile
@@ -421,14 +421,13 @@ def home_of(model: mujoco.MjModel, path: Path, profile: Profile) -> np.ndarray:
     Raises:
         ModelError: If there is no keyframe, or a joint in it is out of its range.
     """
-    names = [model.key(i).name for i in range(model.nkey)]
-    if not names:
+    key = first_key(model)
+    if key < 0:
         raise ModelError(
             f'robot {path}: it has no keyframe: add <key name="walk" qpos="..."/> with '
             "bent knees"
         )
-    name = "walk" if "walk" in names else names[0]
-    q = model.key_qpos[names.index(name)].copy()
+    name, q = model.key(key).name, model.key_qpos[key].copy()
     if not np.isfinite(q).all():
         raise ModelError(
             f'robot {path}: keyframe "{name}" holds something that is no number'

@@ -8,6 +8,7 @@ feet it is divided so that the pressure stays nearest the middle of both soles.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import mujoco
@@ -121,6 +122,7 @@ class InverseDynamics:
         return self._data.site_xpos[self._sites]
 
 
+@lru_cache(maxsize=32)
 def sway_inertia(robot: Robot) -> float:
     r"""Return the angular momentum that comes with a sway of the body, as a share.
 

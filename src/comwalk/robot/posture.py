@@ -146,6 +146,7 @@ class _Seeker:
         self.free = np.concatenate([np.arange(6), model.jnt_dofadr[joints]]).astype(int)
 
     def _update(self) -> None:
+        """Compute the kinematics of the present posture."""
         if self.limbs.coupling is not None:
             self.limbs.coupling.follow(self.q[7:])
         self.data.qpos[:] = self.q
@@ -253,9 +254,8 @@ class _Seeker:
 
     def _hips(self) -> float:
         """Return the mean height of the hips over the ankles [m]."""
-        return float(
-            np.mean([np.subtract(*self.data.xanchor[s, 2]) for s in self.spans])
-        )
+        hips, ankles = self.data.xanchor[np.transpose(self.spans), 2]
+        return float(np.mean(hips - ankles))
 
     def bend_legs(self, bend: float) -> np.ndarray:
         """Lower the body until the legs are far enough from being straight."""
@@ -350,7 +350,7 @@ class _Seeker:
         for _ in range(20):
             self._update()
             J, e = self._rows(0.0)
-            self._move(np.arange(6), np.linalg.lstsq(J[:12, :6], e[:12])[0])
+            self._move(np.arange(6), np.linalg.lstsq(J[:12, :6], e[:12], None)[0])
         self._update()
         height = min(self.data.site_xpos[self.limbs.soles[s]][2] for s in Side)
         self.q[2] -= float(height)
@@ -447,6 +447,7 @@ class _Seeker:
         return step * min(1.0, 0.3 / max(np.abs(step[6:]).max(initial=0.0), 1e-12))
 
     def _move(self, columns: np.ndarray, step: np.ndarray) -> None:
+        """Move some coordinates by a step, joints within their ranges."""
         v = np.zeros(self.model.nv)
         v[columns] = step
         mujoco.mj_integratePos(self.model, self.q, v, 1.0)

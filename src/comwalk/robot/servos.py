@@ -194,14 +194,16 @@ def suit_servos(
     Returns:
         What the joints take; and the parts, with the joints whose servos are designed.
     """
-    rubs, usual = _rubs(model, anatomy), Actuation.PD
-    if pd is None and (rubs or _hold_the_body(spec, model, anatomy, q)):
+    rubs, design = _rubs(model, anatomy), design_servos(model, anatomy, q)
+    legs = {j for leg in anatomy.legs.values() for j in leg}
+    usual = Actuation.PD
+    if pd is None and (rubs or _are_stiff(spec, legs - {*anatomy.designed}, design)):
         usual = Actuation.POSITION
     takes = wanted or usual
     if takes is not Actuation.POSITION:
-        _soften(spec, model, anatomy, q, pd)
-    elif rubs:
-        anatomy = _stiffen(spec, model, anatomy, q, stated)
+        _soften(spec, model, anatomy, design, pd)
+    elif rubs and not _are_stiff(spec, legs, design):
+        anatomy = _stiffen(spec, anatomy, design, stated)
     return takes, anatomy
 
 
@@ -213,31 +215,18 @@ def _rubs(model: mujoco.MjModel, anatomy: Anatomy) -> bool:
     return DOUBTED_FRICTION * float(model.dof_frictionloss[6:].max(initial=0.0)) > most
 
 
-def _hold_the_body(
-    spec: mujoco.MjSpec, model: mujoco.MjModel, anatomy: Anatomy, q: np.ndarray
-) -> bool:
-    """Return whether legs have gains of their own that hold it without torques."""
-    legs = {j for leg in anatomy.legs.values() for j in leg} - {*anatomy.designed}
-    own = [-a.biasprm[1] for a in spec.actuators if a.target in legs]
-    weight = design_servos(model, anatomy, q).weight
-    return bool(own) and min(own) >= SOFTEST * weight
+def _are_stiff(spec: mujoco.MjSpec, joints: Collection[str], design: Design) -> bool:
+    """Return whether joints have servos, all of which hold the body without torques."""
+    gains = [-a.biasprm[1] for a in spec.actuators if a.target in joints]
+    return min(gains, default=0.0) >= SOFTEST * design.weight
 
 
 def _stiffen(
-    spec: mujoco.MjSpec,
-    model: mujoco.MjModel,
-    anatomy: Anatomy,
-    q: np.ndarray,
-    stated: Collection[str],
+    spec: mujoco.MjSpec, anatomy: Anatomy, design: Design, stated: Collection[str]
 ) -> Anatomy:
-    """Give legs and torso that are too soft to take positions designed servos."""
-    design = design_servos(model, anatomy, q)
-    legs = {j for leg in anatomy.legs.values() for j in leg}
-    servos = [a for a in spec.actuators if a.target in {*legs, *anatomy.torso}]
-    own = [-a.biasprm[1] for a in servos if a.target in legs]
-    if min(own, default=math.inf) >= SOFTEST * design.weight:
-        return anatomy
-    servos = [a for a in servos if a.target not in stated]
+    """Give legs and torso designed servos, but where a profile states the gains."""
+    carrying = {*anatomy.torso, *(j for leg in anatomy.legs.values() for j in leg)}
+    servos = [a for a in spec.actuators if a.target in carrying - {*stated}]
     for actuator in servos:
         set_gains(actuator, design.gains[actuator.target])
     made = dict.fromkeys((*anatomy.designed, *(a.target for a in servos)))
@@ -248,19 +237,18 @@ def _soften(
     spec: mujoco.MjSpec,
     model: mujoco.MjModel,
     anatomy: Anatomy,
-    q: np.ndarray,
+    design: Design,
     pd: tuple[float, float, float] | None,
 ) -> None:
     """Give joints that torques are fed forward to the gains that builders choose.
 
     Gains of the file or the profile stay if the legs' are soft.
     """
-    design = design_servos(model, anatomy, q)
     legs = {j for leg in anatomy.legs.values() for j in leg}
     ankles = {j for leg in anatomy.legs.values() for j in leg[-2:]}
     servos = [a for a in spec.actuators if a.target in design.gains]
-    own = [-a.biasprm[1] for a in servos if a.target in legs - {*anatomy.designed}]
-    soft = bool(own) and min(own) < SOFTEST * design.weight
+    own = {a.target for a in servos if a.target in legs} - {*anatomy.designed}
+    soft = bool(own) and not _are_stiff(spec, own, design)
     follows = {mimic.joint for mimic in anatomy.coupled}
     for actuator in servos:
         name = actuator.target

@@ -132,6 +132,12 @@ def hold_in_soles(
 
 
 @kernel
+def _arm(rules: Record, com: np.ndarray, lift: float) -> float:
+    """Return by how much an acceleration of the CoM moves the ZMP back [s^2]."""
+    return (1.0 + rules.sway) * com[2] / (rules.gravity + lift)
+
+
+@kernel
 def _want_com(
     flat: Flat, rules: Record, state: Record, law: Record, wanted: Record, ref: Record
 ) -> None:
@@ -139,7 +145,7 @@ def _want_com(
     W, k_v, c = rules.bandwidth, rules.com_servo, state.com
     lift = W * W * (ref.com[2] - c[2]) - 2.0 * W * state.com_velocity[2]
     lift = min(max(lift, -0.5 * rules.gravity), 0.5 * rules.gravity)
-    arm, stray = (1.0 + rules.sway) * c[2] / (rules.gravity + lift), state.stray
+    arm, stray = _arm(rules, c, lift), state.stray
     a_x = ref.com_acceleration[0] + k_v * (law.u[0] - state.com_velocity[0])
     a_y = ref.com_acceleration[1] + k_v * (law.u[1] - state.com_velocity[1])
     a_x, a_y = a_x - state.drag[0], a_y - state.drag[1]
@@ -370,7 +376,7 @@ def bear_on_soles(
 def _follow_stray(rules: Record, state: Record, x: float, y: float) -> None:
     """Low-pass what the links' turning adds to the ZMP besides the legs' swaying."""
     asked, c, stray = state.com_asked, state.com, state.stray
-    arm = (1.0 + rules.sway) * c[2] / (rules.gravity + asked[2])
+    arm = _arm(rules, c, asked[2])
     share = rules.period / (rules.period + STRAYING_TIME)
     stray[0] += share * (x - c[0] + arm * asked[0] - stray[0])
     stray[1] += share * (y - c[1] + arm * asked[1] - stray[1])

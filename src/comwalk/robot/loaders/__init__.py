@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from .sources import profile_of_known as profile_of_known
     from .sources import read_model as read_model
     from .world import World as World
+    from .world import first_key as first_key
     from .world import place_world as place_world
 
 __getattr__, __dir__ = exports_of(__name__, __file__)

@@ -172,6 +172,21 @@ def with_limbs_leading(file: ModelFile, model: mujoco.MjModel) -> ModelFile:
     return replace(file, mimics=tuple(mimics), speed=speed, torque=torque)
 
 
+def _narrow(spec: mujoco.MjSpec, model: mujoco.MjModel, m: Mimic) -> None:
+    """Give a driven joint the range that its motor has."""
+    motor, driven = model.joint(m.primary), model.joint(m.joint)
+    if not model.jnt_limited[motor.id]:
+        return
+    ends = m.ratio * motor.range + m.offset
+    low, high = float(ends.min()), float(ends.max())
+    if model.jnt_limited[driven.id]:
+        low, high = max(low, driven.range[0]), min(high, driven.range[1])
+    joint = spec.joint(m.joint)
+    joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
+    unit = 180.0 / np.pi if spec.compiler.degree else 1.0
+    joint.range = unit * np.array([low, high])
+
+
 def check_depth(root: ET.Element) -> None:
     """Check that elements are not nested too deep, which parsers do not survive.
 
@@ -186,21 +201,6 @@ def check_depth(root: ET.Element) -> None:
         level = [child for element in level for child in element]
     if level:
         raise ModelError(f"its elements are nested more than {DEEPEST} deep")
-
-
-def _narrow(spec: mujoco.MjSpec, model: mujoco.MjModel, m: Mimic) -> None:
-    """Give a driven joint the range that its motor has."""
-    motor, driven = model.joint(m.primary), model.joint(m.joint)
-    if not model.jnt_limited[motor.id]:
-        return
-    ends = m.ratio * motor.range + m.offset
-    low, high = float(ends.min()), float(ends.max())
-    if model.jnt_limited[driven.id]:
-        low, high = max(low, driven.range[0]), min(high, driven.range[1])
-    joint = spec.joint(m.joint)
-    joint.limited = mujoco.mjtLimited.mjLIMITED_TRUE
-    unit = 180.0 / np.pi if spec.compiler.degree else 1.0
-    joint.range = unit * np.array([low, high])
 
 
 def first_of(names: Sequence[str], count: int = 4) -> str:

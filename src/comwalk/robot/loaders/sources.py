@@ -250,10 +250,6 @@ def _parsed(text: bytes, notes: list[str]) -> ET.Element:
     return root
 
 
-_KEPT = "gravity", "timestep"
-_TOLD_OPTIONS = "density", "viscosity", "wind", "o_margin"
-
-
 def _expand_xacro(path: Path) -> bytes:
     """Return the URDF that a xacro file expands to."""
     try:
@@ -298,6 +294,10 @@ def _use_own_physics(spec: mujoco.MjSpec, notes: list[str]) -> None:
     told = [name for name in changed if name in _TOLD_OPTIONS]
     if told := [*told, *(f"{name} disabled" for name in off)]:
         notes.append(f"<option> {', '.join(told)} left out: comwalk sets its own")
+
+
+_KEPT = "gravity", "timestep"
+_TOLD_OPTIONS = "density", "viscosity", "wind", "o_margin"
 
 
 def _check_model(model: mujoco.MjModel) -> None:

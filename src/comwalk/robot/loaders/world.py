@@ -94,7 +94,7 @@ def take_world(
             f"without a rigid shape beside the robot, dropped: {first_of(empty)}"
         )
     data = mujoco.MjData(outline)
-    mujoco.mj_resetDataKeyframe(outline, data, _first_key(outline))
+    mujoco.mj_resetDataKeyframe(outline, data, first_key(outline))
     mujoco.mj_kinematics(outline, data)
     poses = {
         outline.body(b).name: (data.xpos[b].copy(), data.xmat[b].reshape(3, 3).copy())
@@ -125,8 +125,12 @@ def _excluded(world: mujoco.MjSpec, base: str) -> tuple[tuple[str, str], ...]:
     return tuple((a, b) for a, b in pairs if a in robot and b not in robot)
 
 
-def _first_key(model: mujoco.MjModel) -> int:
-    """Return the keyframe "walk", else the first one; -1 without any."""
+def first_key(model: mujoco.MjModel) -> int:
+    """Return the keyframe "walk", else the first one; -1 without any.
+
+    Args:
+        model: A compiled model.
+    """
     names = [model.key(k).name for k in range(model.nkey)]
     return names.index("walk") if "walk" in names else min(0, model.nkey - 1)
 
@@ -265,13 +269,8 @@ def _find_ground(
     solid &= model.body_weldid[model.geom_bodyid] == 0
     tops = [_tops(model, solid, foot) for foot in feet]
     below = [z for own in tops for z in own if z < max(top, *feet[:, 2]) + _ABOVE]
-    heights = feet[:, 2].tolist()
-    near = [
-        z
-        for own, foot in zip(tops, heights, strict=True)
-        for z in own
-        if _is_near(z, foot)
-    ]
+    under = zip(tops, feet[:, 2], strict=True)
+    near = [z for own, sole in under for z in own if abs(z - sole) < _ABOVE]
     found = [max(near or below)] if below else [min(own) for own in tops if own]
     firm = [(geom, z) for geom, z in planes if solid[geom.id]]
     height = max(found or [z for _, z in firm], default=0.0)
@@ -287,10 +286,6 @@ def _find_ground(
         floor, told = (1, 1), "no floor in it, so there is one at its z = 0"
     delete_geoms(spec, [geom for geom, z in planes if abs(z - height) < _LEVEL])
     return height, floor, f"the file's world is kept: {_counted(spec)}; {told}"
-
-
-def _is_near(height: float, sole: float) -> bool:
-    return abs(height - sole) < _ABOVE
 
 
 def _tops(model: mujoco.MjModel, solid: np.ndarray, point: np.ndarray) -> list[float]:

@@ -326,6 +326,7 @@ def build_identify(config: IdentifyConfig) -> IdentifySetup:
     size, half_width = robot.sole_size, default_gait(robot).half_width
 
     def standing(duration: float) -> Pattern:
+        """Return the pattern of standing for a while [s]."""
         return standing_pattern(pendulum, half_width, size, duration)
 
     plant = SimulatedRobot(robot, period, config.physics, config.seed)

@@ -227,8 +227,7 @@ class LiveWalk:
             outcome = dataclasses.replace(
                 outcome, end=End.COMPLETED, time=end, cause=""
             )
-        if self.robot is not None:
-            outcome = judged(outcome, parts.log, setup.pattern, self.robot)
+        outcome = judged(outcome, parts.log, setup.pattern, self.robot)
         if outcome.end is End.FELL and self.latest is not None:
             self._lie(outcome)
         return Run(

@@ -10,7 +10,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from ..config import RobotConfig
-from ..errors import ComwalkError, ParameterError, RunError, printable
+from ..errors import ComwalkError, ParameterError, RunError, one_line, printable
 from ..run import Run
 from ..runs import (
     LogFacts,
@@ -147,8 +147,7 @@ def fulfil_wishes(run: Run, folder: Path, settings: RobotConfig) -> bool:
             write(run, path, settings.json)
         except ComwalkError as error:
             failed += 1
-            text = printable(" ".join(str(error).split()))
-            print(f"comwalk: {text}", file=sys.stderr)
+            print(f"comwalk: {printable(one_line(error))}", file=sys.stderr)
             continue
         if not settings.json:
             print(f"written to {path} ({path.stat().st_size / 1e6:.2f} MB)")

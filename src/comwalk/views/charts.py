@@ -268,6 +268,7 @@ def top_view_html(view: TopView) -> str:
     width, height = np.round(1000.0 * (high - low)).astype(int).tolist()
 
     def place(points: np.ndarray) -> str:
+        """Return points [m] as those of an SVG, in mm from the upper left corner."""
         spots = 1000.0 * np.abs(points - (low[0], high[1]))
         return " ".join(f"{x:.0f},{y:.0f}" for x, y in np.clip(spots, 0, 1e6))
 

@@ -102,7 +102,10 @@ def _guarded(host: str) -> Generator[None]:
     serve = module.serve
 
     def guarded(*args: Any, process_request: Any = None, **options: Any) -> Any:
+        """Serve as before, after a look at each request."""
+
         def answer(connection: Any, request: Any) -> Any:
+            """Refuse a request of another site, and pass on the others."""
             try:
                 reason = refusal(host, request.headers)
             except ValueError as error:  # a header that is none

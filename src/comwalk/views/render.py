@@ -218,6 +218,7 @@ def render_run(
     check_film(path)
 
     def pictures(film: Film) -> Iterator[np.ndarray]:
+        """Yield the pictures at all times, and tell the progress."""
         for k, time in enumerate(np.linspace(begin, end, n).tolist()):
             yield film(recording.row(time))
             if progress is not None:
@@ -320,6 +321,7 @@ def _film(recording: _Recording, view: View) -> Generator[Film]:
     scene = mujoco.MjvScene(model, maxgeom=20000)
 
     def film(row: int) -> np.ndarray:
+        """Return the picture of a row, the camera beside the robot."""
         camera.lookat[:] = *recording.center[row], 0.52 * tall
         model.light_pos[:] = camera.lookat + lamp
         data.qpos[:] = recording.qpos[row]
@@ -360,6 +362,7 @@ def _canvas(
         rect = mujoco.MjrRect(0, 0, width, height)
 
         def draw(scene: mujoco.MjvScene) -> np.ndarray:
+            """Return the picture of a scene, (height, width, 3), its top row first."""
             picture = np.empty((height, width, 3), np.uint8)
             mujoco.mjr_render(rect, scene, canvas)
             mujoco.mjr_readPixels(picture, None, rect, canvas)

@@ -12,7 +12,7 @@ import numpy as np
 from ..control import SimulatorSettings
 from ..errors import ComwalkError, RunError
 from ..pattern import FootstepPlan
-from ..robot import load_robot
+from ..robot import Skeleton, load_robot
 from ..runs import RunData, Source, data_of
 from ..sides import Side
 from ..walking import BEGIN, TERRAIN_BIT, build_scene
@@ -169,9 +169,8 @@ def sole_box(model: mujoco.MjModel, data: mujoco.MjData, side: Side) -> SoleBox 
     if site < 0:
         return None
     collides = (model.geom_contype | model.geom_conaffinity) > 0
-    weld = model.body_weldid  # what is fixed to the foot is part of it
-    own = weld[model.geom_bodyid] == weld[model.site_bodyid[site]]
-    geoms = np.flatnonzero(collides & own)
+    foot = Skeleton(model, data, "").welded(int(model.site_bodyid[site]))
+    geoms = np.flatnonzero(collides & np.isin(model.geom_bodyid, foot))
     R, origin = data.site_xmat[site].reshape(3, 3), data.site_xpos[site]
     points = np.vstack([_corners(model, data, geom) for geom in geoms]) - origin
     low, high = (points @ R).min(axis=0), (points @ R).max(axis=0)

@@ -69,6 +69,7 @@ def mp4_writer(
             stream.pix_fmt = "yuv420p"
 
             def put(picture: np.ndarray) -> None:
+                """Add a picture, whose sizes are cut to even numbers."""
                 height, width = (n - n % 2 for n in picture.shape[:2])
                 if not stream.codec_context.is_open:
                     stream.width, stream.height = width, height

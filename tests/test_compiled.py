@@ -38,6 +38,20 @@ def test_compiling_is_said_once_and_loading_is_quiet(tmp_path):
     assert second.stderr == ""
 
 
+def test_a_kernel_without_a_place_to_be_kept_still_runs(tmp_path):
+    """As where neither the installation, the home nor any other folder is writable."""
+    nowhere = (
+        "from numba.core import caching\n"
+        "for name in dir(caching):\n"
+        "    if name.endswith('CacheImpl'):\n"
+        "        getattr(caching, name)._locator_classes = []\n"
+    )
+    result = run_with(tmp_path, nowhere + PROGRAM)
+    assert result.stdout.startswith("(0.5, 1.875)")
+    assert "Traceback" not in result.stderr
+    assert not list(tmp_path.rglob("*.nbc"))
+
+
 def test_a_kernel_that_cannot_be_kept_still_runs(tmp_path):
     """As on a full disk, which here is a limit on the size of files."""
     pytest.importorskip("resource")

@@ -74,8 +74,11 @@ class Kernel:
         if numba.config.DISABLE_JIT:  # ty: ignore[missing-attribute]
             return lambda *arguments: self.py_func(*map(_with_attributes, arguments))
         _announce_compiling()
-        compile_ = numba.njit(cache=True, error_model="numpy", **self._options)
-        compiled = compile_(self.py_func)
+        compile_ = functools.partial(numba.njit, error_model="numpy", **self._options)
+        try:
+            compiled = compile_(cache=True)(self.py_func)
+        except RuntimeError:  # there is no folder for it
+            return compile_()(self.py_func)
         _keep_if_possible(compiled)
         return compiled
 

@@ -34,8 +34,9 @@ Rows = Iterator[tuple[Any, ...]]
 
 
 def walk(setup: Setup, **physics: Any) -> Run:
-    """Return a walk of a setup in other physics."""
-    return dataclasses.replace(setup, physics=SimulatorSettings(**physics)).run()
+    """Return a walk of a setup in other physics, on the planned footholds."""
+    settings = SimulatorSettings(**physics)
+    return dataclasses.replace(setup, physics=settings, adapt=False).run()
 
 
 def setup_of(robot: str, steps: int = 20, **config: Any) -> Setup | None:

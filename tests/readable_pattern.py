@@ -24,7 +24,7 @@ from comwalk.pattern.footsteps import (
 )
 from comwalk.pattern.pendulum import Pendulum, zmp_of_motion
 from comwalk.pattern.phases import MIN_MINJERK, START_SPEED
-from comwalk.pattern.plan_edits import excerpt
+from comwalk.pattern.plans import excerpt
 from comwalk.pattern.polygon import convex_hull, polygon_margin, rectangle
 from comwalk.pattern.reference import (
     VERTICAL_SHARE,

@@ -155,6 +155,11 @@ class WalkConfig(RobotConfig):
     force: bool = setting(
         False, "Walk even what the robot is not able to, as `comwalk check` tells"
     )
+    adapt: bool = setting(
+        True,
+        "Catch a fall by other steps than planned, where joints take torques; without "
+        "it the robot steps on the planned footholds alone",
+    )
     plant: Literal["robot", "pendulum"] = setting(
         "robot",
         "What walks: the robot in full physics, or the simplified model of Eq. (30)",

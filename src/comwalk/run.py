@@ -17,6 +17,7 @@ import mujoco
 import numpy as np
 
 from .certificates import (
+    adaptive,
     check_control,
     check_feasible,
     check_friction,
@@ -37,6 +38,7 @@ from .control import (
     Progress,
     SimulatorSettings,
     Tick,
+    Walkable,
     WalkingController,
     Watch,
     no_disturbance,
@@ -185,6 +187,7 @@ def simulate(
     watch: Watch | None = None,
     seed: int = 0,
     force: bool = False,
+    adapt: bool = True,
     progress: Progress | None = None,
     record: str | Path | None = None,
     about: Mapping[str, Any] | None = None,
@@ -200,6 +203,8 @@ def simulate(
         watch: When a walk counts as a fall; `control.usual_watch` if None.
         seed: Seed of the sensor noise.
         force: Whether to walk even what the robot is not able to.
+        adapt: Whether to catch a fall by other steps than planned, where joints take
+            torques.
         progress: Called now and then with the simulated time.
         record: File of the rows, run.npy, which outlive a killed process; or of ROS 2
             messages, run.mcap, which are made of the rows at the end.
@@ -220,19 +225,12 @@ def simulate(
         physics=physics,
         seed=seed,
         force=force,
-        about=about,
+        about={"adapt": adapt, **(about or {})},
     )
-    control = parts.control
     recorder = Recorder(record, parts.log, robot, parts.settings)
-    run = _walked(
-        pattern,
-        control,
-        parts.body,
-        parts.plant,
-        recorder,
-        watch,
-        progress,
-    )
+    walked = adaptive(robot, pattern) if adapt else pattern
+    made = parts.control, parts.body, parts.plant, recorder, watch, progress
+    run = _walked(pattern, walked, *made)
     return dataclasses.replace(
         run, robot=robot, scene=parts.plant.model, substeps=parts.plant.substeps
     )
@@ -361,7 +359,8 @@ def simulate_pendulum(
     notes = {"robot": None, "plant": "pendulum", **(about or {})}
     settings = _settings(notes, control, pattern)
     recorder = Recorder(record, log, None, settings)
-    return _walked(pattern, control, PointBody(), plant, recorder, watch, progress)
+    parts = control, PointBody(), plant, recorder, watch, progress
+    return _walked(pattern, pattern, *parts)
 
 
 def _settings(
@@ -378,6 +377,7 @@ def _settings(
 
 def _walked(
     pattern: Pattern,
+    walked: Walkable,
     control: Control,
     body: Body,
     plant: Plant,
@@ -398,7 +398,7 @@ def _walked(
 
         begin = time.perf_counter()
         outcome = walk(
-            pattern,
+            walked,
             controller,
             body,
             plant,

@@ -85,6 +85,8 @@ class Setup:
     """Seed of the sensor noise."""
     force: bool = False
     """Whether to walk what the robot is not able to."""
+    adapt: bool = True
+    """Whether to catch a fall by other steps than planned."""
     notes: tuple[str, ...] = ()
     """What was changed so that the parts go together."""
 
@@ -110,26 +112,20 @@ class Setup:
         """
         from .run import simulate, simulate_pendulum
 
+        told: dict[str, Any] = {"progress": progress, "record": record, "about": about}
+        told["control"] = self.control
         if self.robot is None:
-            return simulate_pendulum(
-                self.pattern,
-                control=self.control,
-                disturbance=self.disturbance,
-                progress=progress,
-                record=record,
-                about=about,
-            )
+            eps = self.disturbance
+            return simulate_pendulum(self.pattern, disturbance=eps, **told)
         return simulate(
             self.robot,
             self.pattern,
-            control=self.control,
             motion=self.motion,
             physics=self.physics,
             seed=self.seed,
             force=self.force,
-            progress=progress,
-            record=record,
-            about=about,
+            adapt=self.adapt,
+            **told,
         )
 
     def certificate(self) -> Certificate:
@@ -180,7 +176,7 @@ def build_walk(config: WalkConfig) -> Setup:
         a, b = config.disturbance
         eps = random_bounded(a, b, config.seed, duration=pattern.duration)
         setup = dataclasses.replace(setup, disturbance=eps)
-    return dataclasses.replace(setup, force=config.force)
+    return dataclasses.replace(setup, force=config.force, adapt=config.adapt)
 
 
 def build_certificate(config: CertifyConfig) -> Certificate:

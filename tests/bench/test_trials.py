@@ -37,8 +37,8 @@ from comwalk.certificates.defaults import default_gait
 from comwalk.errors import ParameterError, PlanError
 from comwalk.pattern.footsteps import Gait, foot_poses
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.reference import Phase
-from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.walking.mujoco_plant import SimulatedRobot
 

@@ -25,8 +25,13 @@ from comwalk.embedding.motion import Motion, embed_in
 from comwalk.errors import ModelError, PlanError
 from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait, foot_poses
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.plan_edits import excerpt, shortened, slowed, without_repeats
-from comwalk.pattern.regular_steps import plan_steps
+from comwalk.pattern.plans import (
+    excerpt,
+    plan_steps,
+    shortened,
+    slowed,
+    without_repeats,
+)
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.model import load_robot
 from comwalk.robot.self_collision import CLEARANCE, SelfCollision

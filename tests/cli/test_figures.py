@@ -13,7 +13,7 @@ from comwalk.errors import RunError
 from comwalk.pattern.closed_form import transfer_zmp
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.regular_steps import plan_steps
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.setup import build_dance, build_walk
 

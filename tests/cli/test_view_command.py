@@ -11,7 +11,7 @@ import pytest
 from comwalk.cli.app import BAD_INPUT, main
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.regular_steps import plan_steps
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.model import load_robot
 from comwalk.run import simulate

@@ -24,8 +24,8 @@ from comwalk.embedding.solver import Resolver
 from comwalk.embedding.task import CartesianMotion, Damping, JointMotion
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.reference import Phase
-from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.kinematics import Kinematics
 from comwalk.robot.model import Robot

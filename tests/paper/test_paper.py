@@ -30,8 +30,8 @@ from comwalk.embedding.task import (
 from comwalk.pattern.closed_form import transfer_zmp
 from comwalk.pattern.footsteps import PAPER_GAIT
 from comwalk.pattern.pendulum import PAPER_PENDULUM, zmp_of_motion
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.reference import Phase
-from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.kinematics import Kinematics
 

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import PAPER_PENDULUM
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.records import REFERENCE
 from comwalk.pattern.reference import (
     VERTICAL_SHARE,
@@ -22,7 +23,6 @@ from comwalk.pattern.reference import (
     record_of,
     reference_of,
 )
-from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import Pattern, make_pattern
 from comwalk.sides import Side
 

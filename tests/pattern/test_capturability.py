@@ -19,8 +19,8 @@ from comwalk.pattern.capturability import (
 )
 from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait
 from comwalk.pattern.pendulum import PAPER_PENDULUM
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.reference import Phase
-from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 
 SOLE = 0.24, 0.13

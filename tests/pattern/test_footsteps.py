@@ -21,8 +21,8 @@ from comwalk.pattern.footsteps import (
 )
 from comwalk.pattern.placement import MAX_TOE
 from comwalk.pattern.plan_files import load_plan
+from comwalk.pattern.plans import plan_segments, plan_steps
 from comwalk.pattern.polygon import convex_hull, polygon_margin, rectangle
-from comwalk.pattern.regular_steps import plan_segments, plan_steps
 from comwalk.sides import Side
 
 LEFT, RIGHT = Foothold(0.0, 0.09), Foothold(0.0, -0.09)

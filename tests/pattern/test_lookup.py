@@ -13,13 +13,13 @@ from readable_pattern import ReadablePattern, readable_pattern
 from comwalk.pattern import records as rows
 from comwalk.pattern.footsteps import Foothold, Footstep, FootstepPlan, Gait
 from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum
+from comwalk.pattern.plans import plan_segments, plan_steps
 from comwalk.pattern.reference import (
     FootMotion,
     Reference,
     fill_reference,
     reference_of,
 )
-from comwalk.pattern.regular_steps import plan_segments, plan_steps
 from comwalk.pattern.walk_pattern import Pattern, make_pattern
 from comwalk.sides import Side
 

@@ -23,9 +23,9 @@ from comwalk.pattern.footsteps import (
     shortest_turn,
 )
 from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum, state_matrices
+from comwalk.pattern.plans import plan_segments, plan_steps
 from comwalk.pattern.polygon import polygon_margin
 from comwalk.pattern.reference import Phase
-from comwalk.pattern.regular_steps import plan_segments, plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.sides import Side
 

@@ -13,7 +13,7 @@ from comwalk.errors import PlanError
 from comwalk.pattern.footsteps import Foothold, Footstep, FootstepPlan, Gait
 from comwalk.pattern.pendulum import PAPER_PENDULUM, Pendulum
 from comwalk.pattern.phases import plan_table
-from comwalk.pattern.regular_steps import plan_segments, plan_steps
+from comwalk.pattern.plans import plan_segments, plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.sides import Side
 

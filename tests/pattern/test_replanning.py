@@ -1,5 +1,6 @@
 """Replanning while walking: the plan where nothing changes, the model where it does."""
 
+import dataclasses
 import math
 import re
 from pathlib import Path
@@ -22,8 +23,8 @@ from comwalk.pattern.footsteps import PAPER_GAIT, Foothold, FootstepPlan, Gait
 from comwalk.pattern.online import OnlinePattern
 from comwalk.pattern.pendulum import PAPER_PENDULUM, state_matrices
 from comwalk.pattern.phases import START_SPEED
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.reference import Phase
-from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.model import load_robot
 from comwalk.sides import Side
@@ -69,6 +70,41 @@ def planned(pattern, times):
 
 
 # Where nothing changes.
+
+
+PAUSED = plan_steps(PAPER_GAIT, 9)
+PAUSED = dataclasses.replace(
+    PAUSED,
+    steps=tuple(
+        dataclasses.replace(step, stand=0.7 if k == 3 else None)
+        for k, step in enumerate(PAUSED.steps)
+    ),
+)
+PLANS = [plan_steps(gait, 9) for gait in GAITS] + [plan_steps(PAPER_GAIT, 1), PAUSED]
+
+
+@pytest.mark.parametrize("plan", PLANS)
+def test_a_plan_is_followed(plan):
+    """Step by step it is the pattern of the whole plan, pauses and all."""
+    whole = make_pattern(plan, PAPER_PENDULUM)
+    online = OnlinePattern.of(whole)
+    times = np.arange(0.0, whole.duration + 0.5, 0.0137)
+    found, wanted = walked(online, times), planned(whole, times)
+    for one in (found, wanted):
+        one[:, ACCELERATION] /= OMEGA**2
+    np.testing.assert_allclose(found, wanted, atol=2e-6)
+    assert len(online.footsteps) == len(plan.steps)
+    for step, known in zip(online.footsteps, plan.steps, strict=True):
+        assert step.x == pytest.approx(known.x, abs=1e-9)
+
+
+def test_a_command_ends_a_plan():
+    """What is commanded counts, not the plan that was followed."""
+    online = OnlinePattern.of(make_pattern(plan_steps(PAPER_GAIT, 9), PAPER_PENDULUM))
+    online.at(3.5)
+    online.stop()
+    online.at(12.0)
+    assert len(online.footsteps) < 5
 
 
 @pytest.mark.parametrize("gait", GAITS)
@@ -404,13 +440,13 @@ def test_a_replan_allocates_nothing():
     online = OnlinePattern(WIDE)
     online.walk_on(WIDE)
     online.at(2.5)
-    arrays = online._table, online._state, online._command, online._work
+    arrays = online._table, online._state, online._command, online._work, online._steps
     _nrt_python.memsys_enable_stats()
     before = rtsys.get_allocation_stats().alloc
     for _ in range(100):
         replanning.replan(*arrays, online.time)
     made = rtsys.get_allocation_stats().alloc - before
-    assert made == 100 * 2  # a handle for each array that is passed, none for records
+    assert made == 100 * 3  # a handle for each array that is passed, none for records
 
 
 def test_a_commanded_walk_in_physics():

@@ -19,8 +19,8 @@ from comwalk.errors import ComwalkError, RunError
 from comwalk.pattern.closed_form import coefficients, transfer_zmp
 from comwalk.pattern.footsteps import Foothold, FootstepPlan, Gait
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.reference import Phase
-from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.run import Run, simulate_pendulum
 from comwalk.views.matplotlib_figures import Row, plot_arms, plot_dance, plot_run

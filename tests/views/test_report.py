@@ -18,7 +18,7 @@ from PIL import Image
 from comwalk.cli.app import main
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.regular_steps import plan_steps
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.run import simulate_pendulum
 from comwalk.runs.columns import save_columns

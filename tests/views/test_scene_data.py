@@ -12,8 +12,8 @@ import pytest
 from comwalk.errors import RunError
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.reference import Phase
-from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.model import load_robot
 from comwalk.run import simulate, simulate_pendulum

@@ -20,9 +20,9 @@ from comwalk.control.settings import BodySettings, SimulatorSettings
 from comwalk.embedding.kinematic_records import LINK, SITE, Flat
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.records import REFERENCE
 from comwalk.pattern.reference import Phase, Reference, record_of
-from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.robot.kinematics import Kinematics
 from comwalk.run import simulate

@@ -11,18 +11,19 @@ from robots import paper
 
 from comwalk.control.guard import End, Watch
 from comwalk.control.settings import Push, SimulatorSettings
+from comwalk.pattern import ONLINE_ARRAYS
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import PAPER_PENDULUM
-from comwalk.pattern.regular_steps import plan_steps
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.run import Run, simulate
 from comwalk.runs.columns import Log
 from comwalk.walking import mujoco_exchange as plant_kernels
-from comwalk.walking import tick as tick_kernels
+from comwalk.walking import records as tick_records
 from comwalk.walking.mujoco_exchange import SceneArrays
 from comwalk.walking.mujoco_link import row_type
 from comwalk.walking.mujoco_plant import SimulatedRobot
-from comwalk.walking.tick import Arrays
+from comwalk.walking.records import Arrays
 from comwalk.walking.wrench_estimate import Observer
 
 SHORT = make_pattern(plan_steps(Gait(half_step=0.05), 1), PAPER_PENDULUM)
@@ -135,15 +136,18 @@ def test_a_taken_log_has_as_many_rows_as_it_is_told():
 
 def test_places_in_handles_are_those_of_the_arrays():
     """The numbers that kernels know arrays by; those of the observer follow on."""
-    assert Arrays._fields[tick_kernels.AT_OBSERVER :][1:] == (
+    first, last = tick_records.AT_OBSERVER, tick_records.AT_PHASES
+    assert Arrays._fields[first + 1 : last] == (
         *("motors", "slow", "filtered", "last", "change", "forces", "fit"),
     )
-    assert len(Arrays._fields) - tick_kernels.AT_OBSERVER == len(Observer._fields)
+    assert last - first == len(Observer._fields)
+    assert len(Arrays._fields) - last == len(ONLINE_ARRAYS)
     for arrays, prefix, module in (
-        (Arrays, "AT_", tick_kernels),
+        (Arrays, "AT_", tick_records),
         (SceneArrays, "IN_", plant_kernels),
     ):
         for place, name in enumerate(arrays._fields):
             known = place > 3 if prefix == "AT_" else True
-            if known and place <= getattr(module, prefix + "MOTORS"):
+            observed = first + 1 < place < last if prefix == "AT_" else False
+            if known and not observed:
                 assert getattr(module, prefix + name.upper()) == place

@@ -19,7 +19,7 @@ from comwalk.control.settings import Push, SimulatorSettings
 from comwalk.errors import ParameterError
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import Pendulum
-from comwalk.pattern.regular_steps import plan_steps
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.replay import replay
 from comwalk.run import simulate

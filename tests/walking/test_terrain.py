@@ -7,7 +7,7 @@ import pytest
 
 from comwalk.errors import PlanError
 from comwalk.pattern.footsteps import Gait, foot_poses
-from comwalk.pattern.regular_steps import plan_steps
+from comwalk.pattern.plans import plan_steps
 from comwalk.walking.terrain import CELL, LEAST_SHARE, random_terrain
 
 WALK = plan_steps(Gait(), 20)

@@ -24,7 +24,7 @@ from comwalk.embedding.motion_edits import placed, renamed
 from comwalk.embedding.rotations import level_error, rotation_yaw
 from comwalk.pattern.footsteps import Gait
 from comwalk.pattern.pendulum import PAPER_PENDULUM
-from comwalk.pattern.regular_steps import plan_steps
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.walk_pattern import Pattern, make_pattern
 from comwalk.robot.model import Robot, load_robot
 from comwalk.walking.mujoco_plant import SimulatedRobot

@@ -35,7 +35,8 @@ from comwalk.setup import build_walk
 from comwalk.sides import Side
 from comwalk.walking.estimate import estimate_posture, estimate_velocity
 from comwalk.walking.foot_contact import foothold
-from comwalk.walking.tick import Arrays, act, control, look_up, sense
+from comwalk.walking.records import Arrays
+from comwalk.walking.tick import act, control, look_up, sense
 from comwalk.walking.torques import (
     SOLE_SHARE,
     TRUNK_SHARE,

@@ -25,8 +25,8 @@ from comwalk.embedding.motion_checks import prepare_motion
 from comwalk.errors import ModelError, ParameterError, PlanError, RunError
 from comwalk.pattern.footsteps import Foothold, Footstep, FootstepPlan, Gait
 from comwalk.pattern.pendulum import Pendulum
+from comwalk.pattern.plans import plan_steps
 from comwalk.pattern.reference import Phase
-from comwalk.pattern.regular_steps import plan_steps
 from comwalk.pattern.walk_pattern import make_pattern
 from comwalk.replay import replay
 from comwalk.robot.loaders.sources import read_model

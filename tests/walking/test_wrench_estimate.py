@@ -382,7 +382,7 @@ def test_friction_that_is_known_is_taken_from_the_torques():
 def setup(
     actuation: str, sensors: str, friction: float = 0.0, known: float = 0.0
 ) -> Setup:
-    """Return a short walk of the paper's robot with perfect sensors."""
+    """Return a short walk of the paper's robot with perfect sensors, as planned."""
     config = WalkConfig(
         robot="paper",
         steps=4,
@@ -390,6 +390,7 @@ def setup(
         sensors=sensors,
         body=BodySettings(known_friction=known),
         simulator=SimulatorSettings(joint_friction=friction),
+        adapt=False,
     )
     return build_walk(config)
 

@@ -46,6 +46,8 @@ if TYPE_CHECKING:
     from .plan_check import check_feasible as check_feasible
     from .plan_check import feasibility as feasibility
     from .plan_check import nearest_plans as nearest_plans
+    from .reach import adaptive as adaptive
+    from .reach import agility_of as agility_of
     from .reach import check_friction as check_friction
     from .reach import friction_fault as friction_fault
     from .reach import stance_ratio as stance_ratio

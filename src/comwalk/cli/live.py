@@ -17,13 +17,22 @@ from dataclasses import dataclass
 from queue import Empty, SimpleQueue
 from typing import Any
 
-from ..certificates import check_control, check_feasible
-from ..control import End, Gains, Outcome, Tick, WalkingController, completed, walk
+from ..certificates import adaptive, check_control, check_feasible
+from ..control import (
+    End,
+    Gains,
+    Outcome,
+    Tick,
+    Walkable,
+    WalkingController,
+    completed,
+    walk,
+)
 from ..errors import ParameterError
-from ..pattern import Pattern, Reference
+from ..pattern import OnlinePattern, Pattern, Reference
 from ..robot import Robot
 from ..run import Prepared, Run, prepare
-from ..runs import Moment, judged
+from ..runs import Landing, Moment, judged, moved_from
 from ..setup import Setup
 
 PUSH_TIME = 0.1
@@ -51,6 +60,8 @@ class LiveView:
     """Number of the walk, 1 for the first; a restart counts on."""
     outcome: Outcome | None
     """How the walk ended; None while it goes on."""
+    moved: tuple[Landing, ...] = ()
+    """The footsteps that landed elsewhere than planned."""
 
 
 class Pacer:
@@ -216,7 +227,7 @@ class LiveWalk:
         )
         self._next_look, self._begin, self._seconds = 0.0, time.perf_counter(), 0.0
         self._pace()
-        pattern = _Lasting(setup.pattern)
+        pattern = self._walked = _lasting(setup)
         outcome = walk(
             pattern, self._controller, parts.body, parts.plant, on_tick=self._on_tick
         )
@@ -299,7 +310,15 @@ class LiveWalk:
             self._controller.gains,
             self._walks,
             outcome,
+            self._moved(),
         )
+
+    def _moved(self) -> tuple[Landing, ...]:
+        """Return the footsteps that landed elsewhere than planned."""
+        if not isinstance(self._walked, OnlinePattern):
+            return ()
+        landings = [(step.side, step.foothold) for step in self._walked.footsteps]
+        return tuple(moved_from(self.setup.pattern.plan, landings))
 
     def _obey(self) -> None:
         """Do what was commanded since the last tick."""
@@ -358,6 +377,17 @@ class _Lasting:
     def at(self, time: float) -> Reference:
         """Return the reference at a time [s]."""
         return self._pattern.at(time)
+
+
+def _lasting(setup: Setup) -> Walkable:
+    """Return the pattern of a setup, which goes on standing."""
+    walked = setup.pattern
+    if setup.adapt:
+        walked = adaptive(_robot_of(setup), setup.pattern)
+    if isinstance(walked, OnlinePattern):
+        walked.duration = _STANDING
+        return walked
+    return _Lasting(setup.pattern)
 
 
 def _checked(setup: Setup) -> Setup:

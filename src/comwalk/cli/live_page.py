@@ -67,7 +67,7 @@ class LivePage:
         self.server, self.live = server, live
         self._config = config
         self._over, self._new_gains = Event(), Event()
-        self._walk, self._words_at = 0, 0.0
+        self._walk, self._words_at, self._moved = 0, 0.0, 0
         self._rows: deque[tuple[float, np.ndarray]] = deque()
         setup, gui = live.setup, server.gui
         self._robot = robot = live.robot
@@ -251,6 +251,11 @@ class LivePage:
             self._rows.clear()
             self._center = moment.qpos[:2].copy()
             self._display.stage.draw_plan(self.live.setup.pattern.plan)
+            self._moved = 0
+        if len(seen.moved) != self._moved:
+            self._moved = len(seen.moved)
+            plan = self.live.setup.pattern.plan
+            self._display.stage.draw_moved(seen.moved, plan)
         if self._rows and moment.time <= self._rows[-1][0]:
             self._rows = deque(row for row in self._rows if row[0] < moment.time)
         points = (moment.com[:2], moment.com_ref[:2], moment.zmp, moment.zmp_ref)

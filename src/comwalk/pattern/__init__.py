@@ -5,6 +5,9 @@ from typing import TYPE_CHECKING
 from ..lazy import exports_of
 
 if TYPE_CHECKING:
+    from .adaptation import Agility as Agility
+    from .adaptation import adapt as adapt
+    from .adaptation import lower as lower
     from .capturability import Capturability as Capturability
     from .capturability import Stepping as Stepping
     from .capturability import capture_limits as capture_limits
@@ -22,16 +25,22 @@ if TYPE_CHECKING:
     from .pendulum import Pendulum as Pendulum
     from .pendulum import zmp_of_motion as zmp_of_motion
     from .phases import fill_plan as fill_plan
-    from .plan_edits import excerpt as excerpt
-    from .plan_edits import shortened as shortened
-    from .plan_edits import slowed as slowed
-    from .plan_edits import without_repeats as without_repeats
     from .plan_files import load_plan as load_plan
+    from .plans import excerpt as excerpt
+    from .plans import plan_segments as plan_segments
+    from .plans import plan_steps as plan_steps
+    from .plans import shortened as shortened
+    from .plans import slowed as slowed
+    from .plans import without_repeats as without_repeats
     from .polygon import convex_hull as convex_hull
     from .polygon import polygon_margin as polygon_margin
     from .polygon import rectangle as rectangle
     from .polygon import rectangle_in as rectangle_in
     from .polygon import share_between as share_between
+    from .records import ADAPTATION as ADAPTATION
+    from .records import COMMAND as COMMAND
+    from .records import ONLINE as ONLINE
+    from .records import ONLINE_ARRAYS as ONLINE_ARRAYS
     from .records import PHASE as PHASE
     from .records import REFERENCE as REFERENCE
     from .records import STEP as STEP
@@ -48,8 +57,6 @@ if TYPE_CHECKING:
     from .reference import minimum_jerk as minimum_jerk
     from .reference import record_of as record_of
     from .reference import reference_of as reference_of
-    from .regular_steps import plan_segments as plan_segments
-    from .regular_steps import plan_steps as plan_steps
     from .walk_pattern import Pattern as Pattern
     from .walk_pattern import make_pattern as make_pattern
 

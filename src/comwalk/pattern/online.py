@@ -24,6 +24,7 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 
@@ -32,6 +33,7 @@ from ..errors import ParameterError, PlanError, checked_count, checked_number
 from ..handles import handle_of
 from ..sides import Side
 from . import records as r
+from .adaptation import Agility, adaptation_record
 from .footsteps import (
     PAPER_GAIT,
     PAPER_SOLE,
@@ -41,13 +43,18 @@ from .footsteps import (
     Gait,
 )
 from .pendulum import PAPER_PENDULUM, Pendulum
-from .phases import MIN_MINJERK, fill_standing
+from .phases import MIN_MINJERK, fill_standing, step_records
 from .reference import Reference, reference_of
 from .replan import advance, given_is_walkable, replan
+from .walk_pattern import Pattern
 
 STEPS_AHEAD = 4
 """Steps that are planned beyond the one that is being made [-]. What is not yet known
 after four moves the ZMP by less than 0.001 mm."""
+
+RETURN = 0.08
+"""How far each step comes back to where it was planned, if one before it was moved, in
+CoM heights [-]."""
 
 LEAST_TIME = 0.15
 """Shortest rest of a phase [s] that is changed; later the next single support is."""
@@ -82,6 +89,7 @@ class OnlinePattern:
         sole_size: tuple[float, float] = PAPER_SOLE,
         ahead: int = STEPS_AHEAD,
         least_time: float = LEAST_TIME,
+        agility: Agility | None = None,
     ) -> None:
         """Stand with the feet at (0, +-A).
 
@@ -94,6 +102,8 @@ class OnlinePattern:
             sole_size: Length and width of each sole [m].
             ahead: Steps planned beyond the one being made, in [2, 50].
             least_time: Shortest rest of a phase that is changed [s], in [0.02, 1].
+            agility: What the legs can do to catch a fall by other steps than planned;
+                None to step as planned.
 
         Raises:
             ParameterError: If a number is out of its range.
@@ -114,6 +124,11 @@ class OnlinePattern:
             "least_time", least_time, unit="s", low=0.02, high=1.0
         )
         """Shortest rest of a phase that is changed [s]."""
+        omega, height = pendulum.omega, pendulum.height
+        self.adaptation: np.ndarray = np.zeros(0, r.ADAPTATION)
+        """How steps are moved with the measured CoM, one record; empty if they stay."""
+        if agility is not None:
+            self.adaptation = adaptation_record(agility, omega, height)
         ahead = checked_count("ahead", ahead, 2, 50)
         plan = FootstepPlan(
             left=Foothold(0.0, gait.half_width),
@@ -125,15 +140,63 @@ class OnlinePattern:
         self._work = np.zeros(len(self._table), r.WORK)
         self._arrays = [np.zeros(1, k) for k in (r.ONLINE, r.COMMAND, r.REFERENCE)]
         self._state, self._command, self._row = (array[0] for array in self._arrays)
-        state, command, row = self._arrays
-        self._handle = handle_of(self._table, state, command, self._work, row)
+        self._follow(np.zeros(0, r.STEP))
         self._advance = load(advance, self._handle, 0.0)
         known = {"ahead": ahead, "least": self.least_time, "sole": plan.sole_size}
-        known |= {"omega": pendulum.omega, "height": pendulum.height}
+        known |= {"omega": omega, "height": height, "back": RETURN * height}
         for name, value in known.items():
             self._command[name] = value
         self._time = 0.0
         self._stand(gait)
+
+    @classmethod
+    def of(
+        cls,
+        pattern: Pattern,
+        *,
+        ahead: int = STEPS_AHEAD,
+        agility: Agility | None = None,
+    ) -> OnlinePattern:
+        """Return the pattern of a plan that is walked step by step.
+
+        Args:
+            pattern: What to walk.
+            ahead: Steps planned beyond the one being made, in [2, 50].
+            agility: As for the class.
+
+        Returns:
+            A pattern with the same references, but for what is more than `ahead` steps
+            away; new commands end the plan.
+
+        Example:
+            >>> from comwalk.pattern import make_pattern, plan_steps
+            >>> whole = make_pattern(plan_steps(PAPER_GAIT, 8), PAPER_PENDULUM)
+            >>> online = OnlinePattern.of(whole)
+            >>> float(abs(online.at(4.3).com - whole.at(4.3).com).max()) < 1e-6
+            True
+        """
+        plan = pattern.plan
+        online = cls(
+            _closing_gait(plan),
+            pattern.pendulum,
+            duration=pattern.duration,
+            sole_size=plan.sole_size,
+            ahead=ahead,
+            agility=agility,
+        )
+        online._feet = (plan.left, plan.right)
+        online._stand(online.gait)
+        if plan.steps:
+            online._follow(step_records(plan))
+            online._command["stand"] = plan.stand_time
+            online._replan()
+        return online
+
+    def _follow(self, steps: np.ndarray) -> None:
+        """Follow some footsteps, records of `STEP`."""
+        state, command, row = self._arrays
+        self._steps, self._command["steps"] = steps, len(steps)
+        self._handle = handle_of(self._table, state, command, self._work, row, steps)
 
     def _stand(self, gait: Gait) -> None:
         """Begin to stand."""
@@ -157,6 +220,17 @@ class OnlinePattern:
     def table(self) -> np.ndarray:
         """The phases from now to the stop, records of `PHASE`; a view."""
         return self._table[: self._state["rows"]]
+
+    @property
+    def arrays(self) -> tuple[np.ndarray, ...]:
+        """The phases, `ONLINE`, `COMMAND`, scratch, the footsteps and `ADAPTATION`."""
+        state, command, _ = self._arrays
+        return self._table, state, command, self._work, self._steps, self.adaptation
+
+    @property
+    def moved(self) -> int:
+        """Number of steps that were moved to catch a fall."""
+        return int(self.adaptation["moves"].sum())
 
     @property
     def walks(self) -> bool:
@@ -248,6 +322,7 @@ class OnlinePattern:
             PlanError: If the style of double support differs while walking, or it is
                 too short for "minjerk".
         """
+        self._command["steps"] = 0
         moves = self._state["rows"] > 1
         if moves and gait.double_support != self._gait.double_support:
             raise PlanError("double_support can only change while the robot stands")
@@ -273,6 +348,7 @@ class OnlinePattern:
         if not np.isfinite(pose).all():
             raise PlanError(f"a foothold must have finite numbers, got {foothold}")
         before = self._command.copy()
+        self._command["steps"] = 0
         self._command["given"], self._command["foothold"] = True, pose
         first = int(before["first"])
         for self._command["first"] in (first, 1 - first):
@@ -288,6 +364,7 @@ class OnlinePattern:
 
     def stop(self) -> None:
         """Come to rest: the foot in the air lands, the other one comes beside it."""
+        self._command["steps"] = 0
         self._command["walk"] = self._command["given"] = False
         self._replan()
 
@@ -318,7 +395,8 @@ class OnlinePattern:
 
     def _replan(self) -> None:
         """Make the plan anew from the last reference on."""
-        replan(self._table, self._state, self._command, self._work, self._time)
+        table, work, steps = self._table, self._work, self._steps
+        replan(table, self._state, self._command, work, steps, self._time)
 
     def _note_landing(self) -> None:
         """Remember where the last foot landed, and how long it took."""
@@ -340,3 +418,23 @@ class OnlinePattern:
 
 def _within(value: float, limit: float) -> float:
     return min(max(value, -limit), limit)
+
+
+def _closing_gait(plan: FootstepPlan) -> Gait:
+    """Return the gait of the steps that end a plan whose steps were moved."""
+    apart = math.hypot(plan.left.x - plan.right.x, plan.left.y - plan.right.y)
+    told: dict[str, Any] = {}
+    if plan.steps:
+        last = plan.steps[-1]
+        half = min(max(0.5 * last.double_support, 0.002), 4.0)
+        told["transfer_time"] = half
+        told["period"] = min(max(last.single_support, 0.15), 1.9) + 2.0 * half
+        told["swing_height"] = last.swing_height
+    return Gait(
+        half_width=0.5 * apart,
+        start_time=plan.start_time,
+        stop_time=plan.stop_time,
+        stand_time=plan.stand_time,
+        double_support=plan.double_support,
+        **told,
+    )

@@ -61,14 +61,13 @@ def plan_table(plan: FootstepPlan, pendulum: Pendulum) -> np.ndarray:
             f"double support before footstep {k + 1} is too short for double_support "
             f'= "minjerk": make it {least:.3g} times longer, or use "paper"'
         )
-    steps = np.array([_record_of(step) for step in plan.steps], r.STEP)
-    stands = np.array([-1.0 if s.stand is None else s.stand for s in plan.steps])
-    pauses = int(np.count_nonzero(stands[:-1] >= 0.0))
+    steps = step_records(plan)
+    pauses = int(np.count_nonzero(steps["stand"][:-1] >= 0.0))
     table = np.zeros(2 * len(steps) + 5 + 4 * pauses, r.PHASE)
     work = np.zeros(len(table), r.WORK)
     feet = np.array([(foot.x, foot.y, foot.yaw) for foot in (plan.left, plan.right)])
     times = np.array([plan.stand_time, plan.start_time, plan.stop_time])
-    fill_plan(table, steps, stands, feet, times, omega, minjerk, work)
+    fill_plan(table, steps, feet, times, omega, minjerk, work)
     return table
 
 
@@ -80,9 +79,19 @@ def _standing_table(plan: FootstepPlan) -> np.ndarray:
     return table
 
 
+def step_records(plan: FootstepPlan) -> np.ndarray:
+    """Return the footsteps of a plan as records of `STEP`."""
+    return np.array([_record_of(step) for step in plan.steps], r.STEP)
+
+
 def _record_of(step: Footstep) -> tuple[Any, ...]:
     foot, pose = list(Side).index(step.side), (step.x, step.y, step.yaw)
-    return foot, pose, step.single_support, step.double_support, step.swing_height
+    times = step.single_support, step.double_support
+    return foot, pose, *times, step.swing_height, _stand_of(step)
+
+
+def _stand_of(step: Footstep) -> float:
+    return -1.0 if step.stand is None else step.stand
 
 
 @kernel
@@ -99,7 +108,6 @@ def fill_standing(table: np.ndarray, duration: float, feet: np.ndarray) -> None:
 def fill_plan(
     table: np.ndarray,
     steps: np.ndarray,
-    stands: np.ndarray,
     feet: np.ndarray,
     times: np.ndarray,
     omega: float,
@@ -111,7 +119,6 @@ def fill_plan(
     Args:
         table: Where to write, 2 n + 5 rows and four more per pause.
         steps: The n footsteps, records of `STEP`, n > 0.
-        stands: Pause after each step [s], negative for none, (n,).
         feet: x, y [m], yaw [rad] of the left and of the right foot, (2, 3); then it
             holds where they are at the end.
         times: Times of standing, starting and stopping [s], (3,).
@@ -123,7 +130,7 @@ def fill_plan(
     begin, i, time = 0, 0, 0.0
     while begin < len(steps):
         end = begin + 1
-        while end < len(steps) and stands[end - 1] < 0.0:
+        while end < len(steps) and steps[end - 1].stand < 0.0:
             end += 1
         base = 1 - steps[begin].foot
         still(table[i], time, stand, STAND, begin, base, 0.0, 0.0, feet)
@@ -133,7 +140,7 @@ def fill_plan(
             add_double(table, i, feet, 1 - steps[k].foot, steps[k].double)
             add_single(table, i + 1, feet, steps[k])
             i += 2
-        stand = times[0] if end == len(steps) else stands[end - 1]
+        stand = times[0] if end == len(steps) else steps[end - 1].stand
         add_end(table, i, feet, steps[end - 1].double, stop, stand)
         kappa = fill_start(table[first], omega, minjerk)
         x, y = weight_point(table[first], 0)
@@ -159,7 +166,7 @@ def still(
     feet: np.ndarray,
 ) -> None:
     """Write a phase in which both feet bear the same and the CoM rests between them."""
-    piece.inverse_sinh = piece.clearance = 0.0
+    piece.inverse_sinh = piece.clearance = piece.path_time = 0.0
     for k in range(8):
         piece.curve[0, k] = piece.curve[1, k] = 0.0
     piece.start, piece.duration = start, duration

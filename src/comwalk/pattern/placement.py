@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable, Sequence
 
 import numpy as np
 
+from ..compiled import Record, kernel
 from ..errors import PlanError
+from .turns import wrapped
 
 MAX_STRIDE = 0.8
 """Longest travel of a swing foot, and widest distance of the feet [m]."""
@@ -95,3 +98,86 @@ def _sole_gap(a: np.ndarray, b: np.ndarray, size: tuple[float, float]) -> np.nda
 def _turned(d: np.ndarray, yaw: np.ndarray) -> np.ndarray:
     cos, sin = np.cos(yaw), np.sin(yaw)
     return np.stack([cos * d[:, 0] + sin * d[:, 1], cos * d[:, 1] - sin * d[:, 0]], 1)
+
+
+# The same rules of one step, as kernels.
+
+
+@kernel
+def shorten(feet: np.ndarray, foot: int, at: np.ndarray, command: Record) -> bool:
+    """Move a foothold toward the place beside the other foot until it is walkable.
+
+    Returns:
+        Whether it had to be moved.
+    """
+    if is_walkable(feet, foot, at, command):
+        return False
+    x, y, yaw = feet[1 - foot, 0], feet[1 - foot, 1], feet[1 - foot, 2]
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    dx, dy = at[0] - x, at[1] - y
+    ahead, across = cos * dx + sin * dy, cos * dy - sin * dx
+    turn = wrapped(at[2] - yaw)
+    beside = 2.0 * command.width * (1.0 if foot == 0 else -1.0)
+    for k in range(1, 9):
+        factor = 1.0 - 0.125 * k
+        a, b = factor * ahead, beside + factor * (across - beside)
+        at[0], at[1] = x + cos * a - sin * b, y + sin * a + cos * b
+        at[2] = yaw + factor * turn
+        if is_walkable(feet, foot, at, command):
+            break
+    return True
+
+
+@kernel
+def is_walkable(feet: np.ndarray, foot: int, at: np.ndarray, command: Record) -> bool:
+    """Return whether a step keeps the rules of `footsteps.FootstepPlan`."""
+    own, other = feet[foot], feet[1 - foot]
+    dx, dy = at[0] - own[0], at[1] - own[1]
+    turn = wrapped(at[2] - own[2])
+    x, y, yaw = other[0], other[1], other[2]
+    ax, ay = at[0] - x, at[1] - y
+    across = math.cos(yaw) * ay - math.sin(yaw) * ax
+    sign = 1.0 if foot == 0 else -1.0
+    if math.hypot(dx, dy) > MAX_STRIDE or math.hypot(ax, ay) > MAX_STRIDE:
+        return False
+    if abs(wrapped(at[2] - yaw)) > MAX_TOE or sign * across <= 0.0:
+        return False
+    for k in range(11):
+        s = 0.1 * k
+        gap = sole_gap(
+            own[0] + s * dx - x,
+            own[1] + s * dy - y,
+            yaw,
+            own[2] + s * turn,
+            0.5 * command.sole[0],
+            0.5 * command.sole[1],
+        )
+        if gap <= 0.0:
+            return False
+    return True
+
+
+@kernel
+def sole_gap(
+    dx: float, dy: float, yaw_0: float, yaw_1: float, length: float, width: float
+) -> float:
+    """Return the gap of two soles along their best separating axis [m].
+
+    Args:
+        dx: From the one to the other, world [m].
+        dy: From the one to the other, world [m].
+        yaw_0: Heading of the one [rad].
+        yaw_1: Heading of the other [rad].
+        length: Half the length of both [m].
+        width: Half their width [m].
+    """
+    turn = yaw_1 - yaw_0
+    along, across = abs(math.cos(turn)), abs(math.sin(turn))
+    reach_x = length + length * along + width * across
+    reach_y = width + length * across + width * along
+    best = -math.inf
+    for yaw in (yaw_0, yaw_1):
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        best = max(best, abs(cos * dx + sin * dy) - reach_x)
+        best = max(best, abs(cos * dy - sin * dx) - reach_y)
+    return best

@@ -20,7 +20,7 @@ from .footsteps import (
     FootstepPlan,
     Gait,
 )
-from .regular_steps import _Walk, plan_segments
+from .plans import _Walk, plan_segments
 
 
 def load_plan(

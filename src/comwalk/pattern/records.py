@@ -61,6 +61,10 @@ PHASE = np.dtype(
         ("turn", "f8", 4),  # cubic of the heading, highest power first [rad, s]
         ("turn_start", "f8"),  # time at which the argument of the cubic is 0 [s]
         ("turn_end", "f8"),  # time after which the heading rests [s]
+        ("path_start", "f8"),  # when the swing foot was sent elsewhere [s]
+        ("path_time", "f8"),  # how long it goes there [s]; 0 if it never was
+        ("path_lift", "f8"),  # by how much it is lifted on the way [m]
+        ("path", "f8", (4, 4)),  # cubics of its x, y, z and yaw, lowest power first
     ],
     align=True,
 )
@@ -73,6 +77,7 @@ STEP = np.dtype(
         ("single", "f8"),  # duration of the single support [s]
         ("double", "f8"),  # duration of the double support before it [s]
         ("clearance", "f8"),  # of the swing foot [m]
+        ("stand", "f8"),  # time to stand still after it [s]; negative to walk on
     ],
     align=True,
 )
@@ -115,6 +120,9 @@ COMMAND = np.dtype(
         ("height", "f8"),  # c_z [m]
         ("sole", "f8", 2),  # length and width [m]
         ("first", "i8"),  # foot that swings first
+        ("steps", "i8"),  # footsteps of the plan that is followed; 0 for a gait
+        ("stand", "f8"),  # time of standing after them [s]
+        ("back", "f8"),  # how far a step comes back to where it was planned [m]
     ],
     align=True,
 )
@@ -134,3 +142,51 @@ ONLINE = np.dtype(
     align=True,
 )
 """Where an `OnlinePattern` is."""
+
+ADAPTATION = np.dtype(
+    [
+        # What the legs can do, `adaptation.Agility`, and the pendulum.
+        ("half", "f8", 2),
+        ("leg", "f8"),
+        ("tall", "f8"),
+        ("hip", "f8", 2),
+        ("lowest", "f8"),
+        ("swings", "f8"),
+        ("aside", "f8"),
+        ("beside", "f8"),
+        ("speed", "f8"),
+        ("rush", "f8"),
+        ("omega", "f8"),  # omega_n [rad/s]
+        ("height", "f8"),  # c_z [m]
+        # The step that is made.
+        ("start", "f8"),  # its lift-off [s]
+        ("until", "f8"),  # its touchdown, as planned [s]
+        ("foothold", "f8", 2),  # as planned [m], world
+        ("lead", "f8", 2),  # of the DCM after double support, as planned [m], world
+        ("moved", "i8"),  # whether it was moved
+        ("active", "i8"),  # whether it, or the one before, was
+        ("moves", "i8"),  # number of steps that were moved
+        # The same in the frame of the stance foot: ahead, and towards the swing foot.
+        ("away", "f8", 2),  # the stance foot from its reference [m], world
+        ("origin", "f8", 2),  # of the frame [m], world
+        ("cos", "f8"),  # of its yaw
+        ("sin", "f8"),
+        ("sign", "f8"),  # 1 if the left foot swings, else -1
+        ("com", "f8", 2),  # [m]
+        ("rate", "f8", 2),  # of the CoM [m/s]
+        ("planned", "f8", 2),  # foothold [m]
+        ("ahead", "f8", 2),  # lead of the DCM [m]
+        ("foot", "f8", 2),  # that swings [m]
+        ("foot_rate", "f8", 2),  # [m/s]
+        ("goal", "f8", 2),  # where it goes [m]
+        # The CoM's height.
+        ("drop", "f8"),  # by how much it is to be lowered [m]
+        ("sink", "f8"),  # by how much it is [m]
+        ("sink_rate", "f8"),  # [m/s]
+    ],
+    align=True,
+)
+"""How steps are moved with the measured CoM, and what is known of the one made."""
+
+ONLINE_ARRAYS = PHASE, ONLINE, COMMAND, WORK, STEP, ADAPTATION
+"""What `OnlinePattern.arrays` are records of."""

@@ -396,6 +396,9 @@ def fill_feet(piece: Record, s: float, reference: Record) -> None:
     if swinging < 0:
         return
     S, height = piece.duration, piece.clearance
+    if piece.path_time > 0.0:
+        _fill_path(piece, s, reference.feet[swinging])
+        return
     x = s / S
     middle = (x - VERTICAL_SHARE) / _MIDDLE
     h, dh = minimum_jerk(middle)
@@ -413,6 +416,29 @@ def fill_feet(piece: Record, s: float, reference: Record) -> None:
     foot.position[2] = height * (64.0 * bow**3)
     foot.velocity[2] = height * (192.0 * bow * bow * slope / S)
     foot.acceleration[2] = height * (384.0 * bow * (slope * slope - bow) / (S * S))
+
+
+@kernel
+def _cubic_at(c: np.ndarray, s: float, T: float) -> tuple[float, float, float]:
+    """Return value, rate and acceleration of a cubic of s = t / T."""
+    x = c[0] + s * (c[1] + s * (c[2] + s * c[3]))
+    v = c[1] + s * (2.0 * c[2] + s * 3.0 * c[3])
+    return x, v / T, (2.0 * c[2] + s * 6.0 * c[3]) / (T * T)
+
+
+@kernel
+def _fill_path(piece: Record, s: float, foot: Record) -> None:
+    """Write a swing foot that was sent elsewhere on its way."""
+    T, lift = piece.path_time, 16.0 * piece.path_lift
+    t = min(max(piece.start + s - piece.path_start, 0.0), T) / T
+    for i in range(3):
+        x, v, a = _cubic_at(piece.path[i], t, T)
+        foot.position[i], foot.velocity[i], foot.acceleration[i] = x, v, a
+    foot.yaw, foot.yaw_rate, foot.yaw_acceleration = _cubic_at(piece.path[3], t, T)
+    bow, slope = t * (1.0 - t), 1.0 - 2.0 * t
+    foot.position[2] += lift * bow * bow
+    foot.velocity[2] += lift * 2.0 * bow * slope / T
+    foot.acceleration[2] += lift * 2.0 * (slope * slope - 2.0 * bow) / (T * T)
 
 
 # Not of Python's int, of which a kernel would be compiled for each value.

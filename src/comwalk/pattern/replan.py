@@ -9,8 +9,8 @@ import numpy as np
 from ..compiled import Record, kernel
 from ..handles import records_at
 from . import phases as p
-from .placement import MAX_STRIDE, MAX_TOE
-from .records import COMMAND, ONLINE, PHASE, REFERENCE, WORK
+from .placement import is_walkable, shorten
+from .records import COMMAND, ONLINE, PHASE, REFERENCE, STEP, WORK
 from .reference import DOUBLE, STAND, START, STOP, fill_reference
 from .turns import collect_knots, mean_yaw, set_turn, set_turns, wrapped
 
@@ -21,7 +21,8 @@ def advance(handle: np.ndarray, time: float) -> bool:
 
     Args:
         handle: The phases from now on; one `ONLINE`, one `COMMAND`; scratch, as many
-            records of `WORK` as phases; the record of `REFERENCE` to write.
+            records of `WORK` as phases; the record of `REFERENCE` to write; the
+            footsteps to follow, records of `STEP`.
         time: Time [s], not before the last one.
 
     Returns:
@@ -29,7 +30,7 @@ def advance(handle: np.ndarray, time: float) -> bool:
     """
     table, work = records_at(handle, 0, PHASE), records_at(handle, 3, WORK)
     state, command = records_at(handle, 1, ONLINE)[0], records_at(handle, 2, COMMAND)[0]
-    reference = records_at(handle, 4, REFERENCE)[0]
+    reference, steps = records_at(handle, 4, REFERENCE)[0], records_at(handle, 5, STEP)
     while state.rows > 1 and time >= table[1].start:
         landed = leave(table, state)
         kind, begin = table[0].kind, table[0].start
@@ -39,7 +40,7 @@ def advance(handle: np.ndarray, time: float) -> bool:
         elif kind != STOP and kind != START:
             if kind != STAND:
                 command.given = False
-            replan(table, state, command, work, begin)
+            replan(table, state, command, work, steps, begin)
         if landed:
             return True
     fill_reference(table[:1], command.omega, command.height, time, reference)
@@ -68,6 +69,7 @@ def replan(
     state: Record,
     command: Record,
     work: np.ndarray,
+    steps: np.ndarray,
     time: float,
 ) -> bool:
     """Make all phases anew that have not begun, and the rest of this one.
@@ -77,6 +79,7 @@ def replan(
         state: How many they are, and the last knot of the heading.
         command: What is to be walked.
         work: Scratch, as many rows as the table.
+        steps: The footsteps to follow.
         time: Time of now [s].
 
     Returns:
@@ -89,11 +92,11 @@ def replan(
         return False
     omega, minjerk = command.omega, command.minjerk
     if table[0].kind == STAND:
-        begin_walk(table, state, command, time)
+        begin_walk(table, state, command, steps, time)
     double = table[kept - 1].kind == DOUBLE
     pivot = kept if double else kept - 1
     since = max(time - table[pivot].start, 0.0)
-    stop = add_steps(table, kept, state, command)
+    stop = plan_ahead(table, kept, state, command, steps)
     state.rows = stop + 2
     if table[0].kind == STAND:
         kappa = p.fill_start(table[1], omega, minjerk)
@@ -113,7 +116,8 @@ def kept_rows(table: np.ndarray, state: Record, command: Record, time: float) ->
     """Return the number of phases to keep, or 0 if nothing can change."""
     kind, count = table[0].kind, state.rows
     if kind == STAND:
-        return 2 if command.walk or command.given else 0
+        follows = table[0].landed < command.steps
+        return 2 if follows or command.walk or command.given else 0
     if kind == STOP:
         return 0
     late = table[0].start + table[0].duration - time < command.least
@@ -124,13 +128,16 @@ def kept_rows(table: np.ndarray, state: Record, command: Record, time: float) ->
 
 
 @kernel
-def begin_walk(table: np.ndarray, state: Record, command: Record, time: float) -> None:
+def begin_walk(
+    table: np.ndarray, state: Record, command: Record, steps: np.ndarray, time: float
+) -> None:
     """Write the start from rest after the row of standing."""
     stand = table[0]
     begin = max(time, stand.start + stand.duration)
     stand.duration = begin - stand.start
-    base = 1 - command.first
     feet, landed, yaw = stand.resting, stand.landed, stand.turn[3]
+    first = steps[landed].foot if landed < command.steps else command.first
+    base = 1 - first
     p.still(table[1], begin, command.start, START, landed, base, 0.0, 1.0, feet)
     stand.bases[0] = stand.bases[1] = base
     state.knot, state.knot_yaw = begin, mean_yaw(stand, yaw)
@@ -140,10 +147,106 @@ def begin_walk(table: np.ndarray, state: Record, command: Record, time: float) -
 
 
 @kernel
+def plan_ahead(
+    table: np.ndarray, kept: int, state: Record, command: Record, steps: np.ndarray
+) -> int:
+    """Write the steps after the phases that are kept; return the row of the stop."""
+    if command.steps:
+        return follow_steps(table, kept, state, command, steps)
+    return add_steps(table, kept, state, command)
+
+
+@kernel
+def follow_steps(
+    table: np.ndarray, kept: int, state: Record, command: Record, steps: np.ndarray
+) -> int:
+    """Write the next steps of a plan that is followed; return the row of the stop.
+
+    A step that was moved takes along those after it, each of which comes back a bit.
+    If some of it is left after the last one, a step brings the feet together.
+    """
+    last, feet, step, i = table[kept - 1], state.feet, state.step[0], kept
+    foot, known = feet_after(last, feet), command.steps
+    n = p.after(last)[1]
+    x, y, double = moved_by(feet, steps, n, known, command)
+    pauses = last.swinging >= 0 and 0 < n <= known and steps[n - 1].stand >= 0.0
+    end = n if pauses else min(n + command.ahead, known)
+    while n < end:
+        x, y = brought_back(x, y, command.back)
+        copy_step(steps[n], x, y, step)
+        if x != 0.0 or y != 0.0:
+            shorten(feet, step.foot, step.pose, command)
+        i = add_step(table, i, kept, feet, step)
+        n, double, foot = n + 1, step.double, 1 - step.foot
+        if step.stand >= 0.0:
+            break
+    if n >= known and (x != 0.0 or y != 0.0):
+        body = body_beside(feet[1 - foot], 1 - foot, command.width)
+        step.single, step.double = command.single, command.double
+        step.clearance = command.clearance
+        next_foothold(feet, foot, body, 1, True, command, step)
+        if not is_there(feet[foot], step.pose):
+            i = add_step(table, i, kept, feet, step)
+    pauses = 0 < n < known and steps[n - 1].stand >= 0.0
+    stand = steps[n - 1].stand if pauses else command.stand
+    p.add_end(table, i, feet, double, command.stop, stand)
+    return i + 1
+
+
+@kernel
+def moved_by(
+    feet: np.ndarray, steps: np.ndarray, n: int, known: int, command: Record
+) -> tuple[float, float, float]:
+    """Return by how much the last of n steps is away from its plan, and its transfer.
+
+    Returns:
+        The way, x and y [m], world; 1 m for one that no plan has; and the time of
+        double support before it [s].
+    """
+    if n == 0:
+        return 0.0, 0.0, command.double
+    if n > known:
+        return 1.0, 0.0, command.double
+    step = steps[n - 1]
+    x, y = feet[step.foot, 0] - step.pose[0], feet[step.foot, 1] - step.pose[1]
+    if math.hypot(x, y) < 1e-9:
+        return 0.0, 0.0, step.double
+    return x, y, step.double
+
+
+@kernel
+def brought_back(x: float, y: float, most: float) -> tuple[float, float]:
+    """Return a way [m] that is shorter by some length, at least 0."""
+    far = math.hypot(x, y)
+    left = 0.0 if far <= most else 1.0 - most / far
+    return left * x, left * y
+
+
+@kernel
+def copy_step(planned: Record, x: float, y: float, step: Record) -> None:
+    """Write a planned step, moved by x and y [m]."""
+    step.foot, step.single, step.double = planned.foot, planned.single, planned.double
+    step.clearance, step.stand = planned.clearance, planned.stand
+    step.pose[0], step.pose[1] = planned.pose[0] + x, planned.pose[1] + y
+    step.pose[2] = planned.pose[2]
+
+
+@kernel
+def add_step(
+    table: np.ndarray, i: int, kept: int, feet: np.ndarray, step: Record
+) -> int:
+    """Write a step from row i on, with its transfer if missing; return the next."""
+    if i > kept or table[kept - 1].kind != DOUBLE:
+        p.add_double(table, i, feet, 1 - step.foot, step.double)
+        i += 1
+    p.add_single(table, i, feet, step)
+    return i + 1
+
+
+@kernel
 def add_steps(table: np.ndarray, kept: int, state: Record, command: Record) -> int:
     """Write the steps after the phases that are kept; return the row of the stop."""
     last, feet, step, i = table[kept - 1], state.feet, state.step[0], kept
-    kind = last.kind
     foot = feet_after(last, feet)
     swinging = last.swinging
     step.single, step.clearance = command.single, command.clearance
@@ -157,11 +260,8 @@ def add_steps(table: np.ndarray, kept: int, state: Record, command: Record) -> i
         body = next_foothold(feet, foot, body, n, closing, command, step)
         if closing and n + (swinging >= 0) > 0 and is_there(feet[foot], step.pose):
             break
-        if i > kept or kind != DOUBLE:
-            p.add_double(table, i, feet, 1 - foot, command.double)
-            i += 1
-        p.add_single(table, i, feet, step)
-        i, n, foot = i + 1, n + 1, 1 - foot
+        i = add_step(table, i, kept, feet, step)
+        n, foot = n + 1, 1 - foot
         if closing:
             break
     p.add_end(table, i, feet, command.double, command.stop, 0.0)
@@ -228,86 +328,6 @@ def is_there(foot: np.ndarray, at: np.ndarray) -> bool:
     """Return whether a foot already stands where a step would put it."""
     far = max(abs(foot[0] - at[0]), abs(foot[1] - at[1]))
     return max(far, abs(wrapped(foot[2] - at[2]))) < 1e-9
-
-
-@kernel
-def shorten(feet: np.ndarray, foot: int, at: np.ndarray, command: Record) -> bool:
-    """Move a foothold toward the place beside the other foot until it is walkable.
-
-    Returns:
-        Whether it had to be moved.
-    """
-    if is_walkable(feet, foot, at, command):
-        return False
-    x, y, yaw = feet[1 - foot, 0], feet[1 - foot, 1], feet[1 - foot, 2]
-    cos, sin = math.cos(yaw), math.sin(yaw)
-    dx, dy = at[0] - x, at[1] - y
-    ahead, across = cos * dx + sin * dy, cos * dy - sin * dx
-    turn = wrapped(at[2] - yaw)
-    beside = 2.0 * command.width * (1.0 if foot == 0 else -1.0)
-    for k in range(1, 9):
-        factor = 1.0 - 0.125 * k
-        a, b = factor * ahead, beside + factor * (across - beside)
-        at[0], at[1] = x + cos * a - sin * b, y + sin * a + cos * b
-        at[2] = yaw + factor * turn
-        if is_walkable(feet, foot, at, command):
-            break
-    return True
-
-
-@kernel
-def is_walkable(feet: np.ndarray, foot: int, at: np.ndarray, command: Record) -> bool:
-    """Return whether a step keeps the rules of `footsteps.FootstepPlan`."""
-    own, other = feet[foot], feet[1 - foot]
-    dx, dy = at[0] - own[0], at[1] - own[1]
-    turn = wrapped(at[2] - own[2])
-    x, y, yaw = other[0], other[1], other[2]
-    ax, ay = at[0] - x, at[1] - y
-    across = math.cos(yaw) * ay - math.sin(yaw) * ax
-    sign = 1.0 if foot == 0 else -1.0
-    if math.hypot(dx, dy) > MAX_STRIDE or math.hypot(ax, ay) > MAX_STRIDE:
-        return False
-    if abs(wrapped(at[2] - yaw)) > MAX_TOE or sign * across <= 0.0:
-        return False
-    for k in range(11):
-        s = 0.1 * k
-        gap = sole_gap(
-            own[0] + s * dx - x,
-            own[1] + s * dy - y,
-            yaw,
-            own[2] + s * turn,
-            0.5 * command.sole[0],
-            0.5 * command.sole[1],
-        )
-        if gap <= 0.0:
-            return False
-    return True
-
-
-@kernel
-def sole_gap(
-    dx: float, dy: float, yaw_0: float, yaw_1: float, length: float, width: float
-) -> float:
-    """Return the gap of two soles along their best separating axis [m].
-
-    Args:
-        dx: From the one to the other, world [m].
-        dy: From the one to the other, world [m].
-        yaw_0: Heading of the one [rad].
-        yaw_1: Heading of the other [rad].
-        length: Half the length of both [m].
-        width: Half their width [m].
-    """
-    turn = yaw_1 - yaw_0
-    along, across = abs(math.cos(turn)), abs(math.sin(turn))
-    reach_x = length + length * along + width * across
-    reach_y = width + length * across + width * along
-    best = -math.inf
-    for yaw in (yaw_0, yaw_1):
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        best = max(best, abs(cos * dx + sin * dy) - reach_x)
-        best = max(best, abs(cos * dy - sin * dx) - reach_y)
-    return best
 
 
 @kernel

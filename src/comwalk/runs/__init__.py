@@ -12,6 +12,9 @@ if TYPE_CHECKING:
     from .export import export_csv as export_csv
     from .export import export_parquet as export_parquet
     from .export import export_rosbag2 as export_rosbag2
+    from .landings import Landing as Landing
+    from .landings import moved_from as moved_from
+    from .landings import moved_steps as moved_steps
     from .mcap_file import MCAP_NAME as MCAP_NAME
     from .mcap_file import LogFacts as LogFacts
     from .mcap_file import inspect as inspect

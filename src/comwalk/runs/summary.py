@@ -17,6 +17,7 @@ from ..pattern import Pattern, Phase
 from ..robot import Kinematics, Robot
 from ..sides import Side
 from .columns import Log
+from .landings import moved_steps
 
 
 def summarize(
@@ -58,6 +59,7 @@ def summarize(
         "cause": outcome.cause,
         "steps_planned": pattern.plan.count,
         "steps_completed": min(outcome.step, pattern.plan.count),
+        "steps_moved": len(moved_steps(log.columns, pattern.plan)),
         "distance_m": float(np.hypot(*travelled)),
         "position_error_m": float(np.hypot(*position_error)),
         "com_error_rms_mm": com_errors,

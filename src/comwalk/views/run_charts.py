@@ -9,7 +9,7 @@ import numpy as np
 
 from ..errors import RunError
 from ..pattern import Phase, rectangle
-from ..runs import RunData
+from ..runs import RunData, moved_steps
 from .charts import (
     Chart,
     Curve,
@@ -211,7 +211,7 @@ def _bands(record: RunData) -> list[tuple[float, float, str]]:
 
 
 def _top_view(records: Sequence[RunData]) -> TopView:
-    """Return the paths of CoM and ZMP among the planned footprints."""
+    """Return the paths of CoM and ZMP among planned and moved footprints."""
     plan = records[0].settings.get("plan", {})
     length, width = plan.get("sole_size", (0.24, 0.13))
     feet = [(plan[side], side) for side in ("left", "right") if side in plan]
@@ -220,6 +220,12 @@ def _top_view(records: Sequence[RunData]) -> TopView:
         (rectangle(foot["x"], foot["y"], foot["yaw"], (length, width)), side)
         for foot, side in feet
     ]
+    for record in records:
+        if record.plan is not None:
+            soles += [
+                (rectangle(foot.x, foot.y, foot.yaw, (length, width)), "moved")
+                for _, foot in moved_steps(record.columns, record.plan)
+            ]
     paths = []
     for k, record in enumerate(records):
         tail = f", {'AB'[k]}" if len(records) > 1 else ""

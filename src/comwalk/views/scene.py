@@ -10,7 +10,7 @@ where the camera looks, and nothing drifts apart.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import mujoco
@@ -20,7 +20,7 @@ from ..control import Contact, zmp_from_wrenches
 from ..embedding import yaw_of_quaternion
 from ..errors import checked_number
 from ..pattern import FootstepPlan, Phase, convex_hull, foot_poses, rectangle
-from ..runs import Moment, RunData
+from ..runs import Landing, Moment, RunData, moved_steps
 from ..sides import Side
 from ..walking import FLOOR
 from .geoms import shapes_of
@@ -43,6 +43,7 @@ COLORS: dict[str, Color] = {
     "wrenches": (176, 0, 90),
     "left footsteps": (0, 115, 178),
     "right footsteps": (214, 94, 0),
+    "moved footsteps": (176, 0, 90),
 }
 """What is drawn around the robot, and in which colour."""
 
@@ -270,15 +271,32 @@ class Stage:
         poses = foot_poses(plan)
         for k, side in enumerate(Side):
             places = np.unique(poses[:, k].round(6), axis=0)
-            outlines = [rectangle(x, y, yaw, plan.sole_size) for x, y, yaw in places]
-            z = self._ground + 0.5 * _LIFT
-            lines = [_chain(np.vstack([o, o[:1]]), z) for o in outlines]
-            self._api.add_line_segments(
-                f"/walk/footsteps/{side}",
-                np.concatenate(lines),
-                COLORS[f"{side} footsteps"],
-                thickness=0.005 * self.height,
-            )
+            self._draw_soles(f"{side}", places, plan.sole_size)
+        self.draw_moved((), plan)
+
+    def draw_moved(self, moved: Sequence[Landing], plan: FootstepPlan) -> None:
+        """Draw the outlines of footsteps that landed elsewhere than planned.
+
+        Args:
+            moved: The feet and where they landed, `runs.moved_steps`.
+            plan: What was planned.
+        """
+        places = [(place.x, place.y, place.yaw) for _, place in moved]
+        self._draw_soles("moved", np.array(places).reshape(-1, 3), plan.sole_size)
+
+    def _draw_soles(
+        self, kind: str, places: np.ndarray, size: tuple[float, float]
+    ) -> None:
+        """Draw outlines of soles, in place of those of the same kind."""
+        outlines = [rectangle(x, y, yaw, size) for x, y, yaw in places.tolist()]
+        z = self._ground + (0.75 if kind == "moved" else 0.5) * _LIFT
+        lines = [_chain(np.vstack([o, o[:1]]), z) for o in outlines]
+        self._api.add_line_segments(
+            f"/walk/footsteps/{kind}",
+            np.concatenate([np.zeros((1, 2, 3)), *lines]),
+            COLORS[f"{kind} footsteps"],
+            thickness=0.005 * self.height,
+        )
 
     def _aim(self, qpos: np.ndarray) -> None:
         """Point the camera at the robot from its front left."""
@@ -437,6 +455,8 @@ def _filmed(
     with open_server() as server:
         qpos = run.columns["qpos"][0]
         stage = Stage(server, scene_of(run), qpos, run.plan, opacity=opacity)
+        if run.plan is not None:
+            stage.draw_moved(moved_steps(run.columns, run.plan), run.plan)
         show_row(stage, run, 0)
         film = server.get_scene_serializer()
         for k, row in enumerate(rows):

@@ -13,7 +13,7 @@ import mujoco
 import numpy as np
 
 from ..pattern import FootstepPlan
-from ..runs import Moment, RunData
+from ..runs import Moment, RunData, moved_steps
 from .page_server import open_server
 from .scene import COLORS, SEEN_THROUGH, Stage, show_row
 from .scene_data import scene_of
@@ -177,6 +177,9 @@ class Player:
         self._status = gui.add_markdown("")
         qpos = run.columns["qpos"][0]
         self._display = Display(server, scene_of(run), qpos, run.plan)
+        if run.plan is not None:
+            moved = moved_steps(run.columns, run.plan)
+            self._display.stage.draw_moved(moved, run.plan)
         self._button.on_click(lambda _: self.play(not self.playing))
         self._slider.on_update(self._scrubbed)
         speed.on_update(lambda _: setattr(self, "speed", float(speed.value)))

@@ -145,16 +145,24 @@ def keeps_limits(
         v: The velocity, which accelerations bring within the limits of rates.
         resolved: Rates [rad/s], or accelerations [rad/s^2] of torques.
     """
-    K = 0.2 / rules.period
     for j in range(len(joints)):
-        joint, rate = joints[j], resolved[6 + j]
-        low = max(K * (joint.lower - q[7 + j]), -joint.speed)
-        high = min(K * (joint.upper - q[7 + j]), joint.speed)
-        if rules.by_torque:
-            low, high = 2.0 * K * (low - v[6 + j]), 2.0 * K * (high - v[6 + j])
-        if rate < low or rate > high:
+        low, high = room_of(rules, joints[j], q[7 + j], v[6 + j])
+        if resolved[6 + j] < low or resolved[6 + j] > high:
             return False
     return True
+
+
+@kernel
+def room_of(
+    rules: Record, joint: Record, angle: float, rate: float
+) -> tuple[float, float]:
+    """Return the least and greatest rate [rad/s], or acceleration, of a joint."""
+    K = 0.2 / rules.period
+    low = max(K * (joint.lower - angle), -joint.speed)
+    high = min(K * (joint.upper - angle), joint.speed)
+    if rules.by_torque:
+        return 2.0 * K * (low - rate), 2.0 * K * (high - rate)
+    return low, high
 
 
 # ---- The set-points ---------------------------------------------------------------

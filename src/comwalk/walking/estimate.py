@@ -38,6 +38,9 @@ DOUBT = 0.008
 [-]."""
 LEANING_TIME = 6.0
 """Time constant in which a lasting drag is taken for a load, while walking [s]."""
+SETTLING_TIME = 0.2
+"""Time constant in which the velocity by the accelerometer settles on that by the
+supporting sole [s]."""
 FALLING_TIME = 0.5
 """Time constant in which the ground under the supporting sole is taken as that of the
 plan [s]."""
@@ -277,6 +280,28 @@ def _follow_com(rules: Record, state: Record) -> None:
 
 
 @kernel
+def _follow_imu(
+    flat: Flat, bodies: np.ndarray, rules: Record, state: Record, acc: np.ndarray
+) -> None:
+    """Follow the CoM's velocity by the accelerometer, for what is sudden.
+
+    How fast the CoM moves against the IMU is known of the joints and the gyro; how fast
+    the IMU moves only as far as the supporting sole is at rest, which it is not while
+    it rolls over its edge.
+    """
+    move_site(flat, bodies, IMU, state.twist, state.drift)
+    site_rotation(flat, IMU, state.sensor)
+    a = turned(state.sensor, acc)
+    share = rules.period / SETTLING_TIME
+    for i in range(3):
+        rate = a[i] - (rules.gravity if i == 2 else 0.0)
+        away = state.twist[i] - state.imu_velocity[i]
+        state.imu_velocity[i] += rules.period * rate + share * away
+        known = state.seen_velocity[i] - state.twist[i]
+        state.swift_velocity[i] = known + state.imu_velocity[i]
+
+
+@kernel
 def stand_upright(
     flat: Flat, state: Record, sensed: np.ndarray, imu: np.ndarray, q: np.ndarray
 ) -> None:
@@ -339,6 +364,7 @@ def estimate(
         reference: The reference.
     """
     move_com(flat, bodies, state.seen_velocity, state.com_bias)
+    _follow_imu(flat, bodies, rules, state, felt[19:22])
     level, origin = state.level, state.origin
     for i in range(3):
         for j in range(3):

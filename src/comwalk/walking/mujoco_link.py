@@ -69,7 +69,7 @@ class MujocoLink:
             plant.delay()
             log.table[k]["ctrl"] = plant.data.ctrl
         body = self._ticker.body
-        if body.resolution is not None:
+        if body.resolution is not None or body.arrays.state["spared"][0]:
             for name, value in body.diagnostics().items():
                 log.table[k][name] = value
         log.grow(k + 1)

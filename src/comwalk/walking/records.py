@@ -19,11 +19,14 @@ from ..control import (
     low_pass_coefficient,
 )
 from ..embedding import DANCE, EmbeddedMotion, rotate_twist
-from ..robot import Foot, Kinematics, Robot, sway_inertia
+from ..robot import LEGS, Foot, Kinematics, Robot, Skeleton, sway_inertia
 from ..sides import Side
 
 BY_TORQUES, NOT_FELT = (GROUND_SENSORS.index(word) for word in ("torque", "none"))
 """Numbers of `GROUND_SENSORS` in `RULES`."""
+
+REACH = 0.97
+"""Share of a leg's whole length that a swing foot may be away from its hip [-]."""
 
 RULES = np.dtype(
     [
@@ -37,6 +40,9 @@ RULES = np.dtype(
         ("sole_turn", "f8", (2, 3, 3)),  # sensor axes to the sole's
         ("sole_arm", "f8", (2, 3)),  # sensor from the sole's centre [m], sole's axes
         ("sole_half", "f8", (2, 2)),  # half length and half width [m]
+        ("hip", "i8", 2),  # link of the hip
+        ("ankle", "f8", (2, 3)),  # of the sole's centre [m], the sole's axes
+        ("reach", "f8", 2),  # of the leg, hip to ankle [m]
         # `BodySettings`.
         ("feedback", "f8"),
         ("imu", "i8"),
@@ -96,12 +102,15 @@ STATE = np.dtype(
         ("origin", "f8", 7),
         ("com_velocity", "f8", 3),  # [m/s]
         ("seen_velocity", "f8", 3),  # of the CoM, by the joints [m/s]
+        ("imu_velocity", "f8", 3),  # of the IMU, by its accelerometer [m/s]
+        ("swift_velocity", "f8", 3),  # of the CoM, by that and the joints [m/s]
         ("slow_velocity", "f8", 3),  # of the CoM, after the joints' filter [m/s]
         ("drag", "f8", 3),  # acceleration that the CoM misses of what is asked [m/s^2]
         ("com_bias", "f8", 3),  # [m/s^2]
         ("com_asked", "f8", 3),  # the CoM's acceleration of the last tick [m/s^2]
         ("twist", "f8", 6),
         ("drift", "f8", 6),
+        ("goal", "f8", 6),  # where it is to be, and its velocity [m; m/s]
         ("away", "f8", 6),  # error of the swing foot [m; rad]
         ("pressed", "f8", 2),  # loads of the feet, low-passed, over the weight [-]
         ("landed", "i8", 2),  # which feet are on the ground
@@ -110,6 +119,9 @@ STATE = np.dtype(
         ("shifted", "f8"),  # by how much the ZMP asked for was moved into the sole [m]
         ("slid", "f8"),  # force beyond the friction [N]
         ("weak", "i8"),  # joints at their torque limits
+        ("spared", "i8"),  # whether a foot gave way, so that the CoM need not
+        ("limited", "i8"),  # joints of its leg that are held at their limits
+        ("lost", "f8"),  # largest acceleration that they miss [rad/s^2]
     ],
     align=True,
 )
@@ -217,6 +229,19 @@ def _describe(r: np.void, robot: Robot) -> None:
         r["foot_weight"][k], r["foot_com"][k] = foot.mass * robot.gravity, foot.com
         r["sole_turn"][k], r["sole_arm"][k] = sensor.turn[:3, :3], sensor.arm
         r["sole_half"][k] = sensor.half_length, sensor.half_width
+        r["hip"][k], r["ankle"][k], r["reach"][k] = _leg_of(robot, side)
+
+
+def _leg_of(robot: Robot, side: Side) -> tuple[int, np.ndarray, float]:
+    """Return link of a hip, ankle in the sole's axes [m], and reach of the leg [m]."""
+    kinematics = Kinematics(robot)
+    kinematics.update(robot.home)
+    leg = next(limb.joints for limb in robot.limbs if limb.name == LEGS[side])
+    joints = [j + 1 for j in leg]
+    skeleton = Skeleton(robot.model, kinematics.data, robot.name)
+    (sole,), (R,) = kinematics.sites(np.array([robot.feet[side].site]))
+    ankle = (skeleton.anchors(joints)[-1] - sole) @ R
+    return skeleton.hip(joints), ankle, REACH * skeleton.leg_length(joints)
 
 
 def joints_of(robot: Robot, settings: BodySettings) -> np.ndarray:
@@ -285,3 +310,117 @@ def sole_sensor(robot: Robot, foot: Foot) -> SoleSensor:
     x, y, z = ((sensor - sole) @ R_sole).tolist()
     length, width = np.abs(foot.sole).max(axis=0).tolist()
     return SoleSensor(rotate_twist(R_sole.T @ R_sensor), (x, y, z), length, width)
+
+
+# ---- The arrays of a tick -----------------------------------------------------------
+
+
+class Arrays(NamedTuple):
+    """All that a tick reads and writes."""
+
+    links: np.ndarray
+    """Records of `LINK`: the robot, and workspace."""
+    limbs: np.ndarray
+    """Records of `LIMB`."""
+    sites: np.ndarray
+    """Records of `SITE`: soles, ankle sensors, IMU, limbs' ends."""
+    wanted: np.ndarray
+    """One record of `WANTED`."""
+    rules: np.ndarray
+    """One record of `RULES`."""
+    state: np.ndarray
+    """One record of `STATE`."""
+    joints: np.ndarray
+    """Records of `JOINT`."""
+    dance: np.ndarray
+    """One record of `DANCE`."""
+    moved: np.ndarray
+    """Joints that the embedded motion moves."""
+    knots: np.ndarray
+    """Its knots [s]."""
+    cubics: np.ndarray
+    """Its cubics, one after the other."""
+    reference: np.ndarray
+    """One record of `REFERENCE`."""
+    q: np.ndarray
+    """Commanded configuration."""
+    v: np.ndarray
+    """Its velocity [xdot_o; qdot]."""
+    set_points: np.ndarray
+    """Set-points of the joints [rad]."""
+    sensed: np.ndarray
+    """The body center at the origin, then what the encoders read [rad]."""
+    felt: np.ndarray
+    """What both ankle sensors feel (12), and the IMU's quaternion wxyz, gyro [rad/s]
+    and accelerometer [m/s^2]."""
+    law: np.ndarray
+    """One record of `LAW`."""
+    law_state: np.ndarray
+    """One record of `LAW_STATE`."""
+    past: np.ndarray
+    """Reference CoM and ZMP of the last ticks, four numbers each, flat."""
+    watch: np.ndarray
+    """One record of `WATCH`."""
+    guard: np.ndarray
+    """One record of `GUARD`."""
+    table: np.ndarray
+    """The pattern's phases, `PHASE`; empty if references come from elsewhere."""
+    pendulum: np.ndarray
+    """omega_n [rad/s] and height [m] of the pattern's pendulum."""
+    bodies: np.ndarray
+    """Records of `BODY`: inertias of the links, and workspace."""
+    acceleration: np.ndarray
+    """Rate of v [m/s^2, rad/s^2], then the generalised forces [N, N m]."""
+    speeds: np.ndarray
+    """Set-points of the joints' rates [rad/s]."""
+    torques: np.ndarray
+    """Torques of the joints [N m], fed forward."""
+    encoders: np.ndarray
+    """What the encoders read last [rad]."""
+    rates: np.ndarray
+    """Joint rates, low-passed differences of that, then the gyro's [rad/s]."""
+    seen: np.ndarray
+    """Configuration that the ground is felt in, where positions are commanded, then
+    its velocity."""
+    observer: np.ndarray
+    """Records of `BODY`; the arrays from here on are those of `Observer`."""
+    motors: np.ndarray
+    """Torques that the motors report [N m]."""
+    slow: np.ndarray
+    """The same after the filter of the joint rates [N m]."""
+    filtered: np.ndarray
+    """The same after the observer's filter [N m]."""
+    last: np.ndarray
+    """The last velocity."""
+    change: np.ndarray
+    """Its rate, filtered."""
+    forces: np.ndarray
+    """Generalised forces of the motion [N, N m]."""
+    fit: np.ndarray
+    """Normal equations of the soles' wrenches, with their right side."""
+    phases: np.ndarray
+    """The phases of an `OnlinePattern` whose steps may be moved, `PHASE`; the arrays
+    from here on are its own, and empty for any other pattern."""
+    online: np.ndarray
+    """One record of `ONLINE`."""
+    command: np.ndarray
+    """One record of `COMMAND`."""
+    work: np.ndarray
+    """Scratch, records of `WORK`."""
+    steps: np.ndarray
+    """The footsteps that it follows, records of `STEP`."""
+    adaptation: np.ndarray
+    """One record of `ADAPTATION`."""
+
+
+HANDED_OVER = -1
+"""What a tick returns where the robust solver has to resolve the task."""
+
+# Places of `Arrays` in their handle.
+AT_RULES, AT_STATE, AT_JOINTS, AT_DANCE, AT_MOVED = range(4, 9)
+AT_KNOTS, AT_CUBICS, AT_REFERENCE, AT_Q, AT_V = range(9, 14)
+AT_SET_POINTS, AT_SENSED, AT_FELT, AT_LAW, AT_LAW_STATE = range(14, 19)
+AT_PAST, AT_WATCH, AT_GUARD, AT_TABLE, AT_PENDULUM = range(19, 24)
+AT_BODIES, AT_ACCELERATION, AT_SPEEDS, AT_TORQUES = range(24, 28)
+AT_ENCODERS, AT_RATES, AT_SEEN, AT_OBSERVER, AT_MOTORS = range(28, 33)
+AT_PHASES, AT_ONLINE, AT_COMMAND, AT_WORK, AT_STEPS, AT_ADAPTATION = range(39, 45)

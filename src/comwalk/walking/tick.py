@@ -7,7 +7,6 @@ All that a period reads and writes lies in the arrays of one handle, in the orde
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -24,21 +23,29 @@ from ..control import (
 )
 from ..embedding import (
     BODY,
-    DANCE,
     SOLVED,
     Flat,
-    accelerate_links,
     find_levers,
     flat_at,
     integrate,
-    load_links,
     place_links,
     resolve,
     wanted_at,
 )
 from ..handles import floats_at, inlined, records_at
-from ..pattern import PHASE, REFERENCE, fill_reference
-from .action import dance_at, keeps_limits, plan_torques, set_points, want
+from ..pattern import (
+    ADAPTATION,
+    COMMAND,
+    ONLINE,
+    PHASE,
+    REFERENCE,
+    STEP,
+    WORK,
+    adapt,
+    fill_reference,
+    lower,
+)
+from .action import keeps_limits, plan_torques, set_points, want
 from .estimate import (
     estimate,
     estimate_posture,
@@ -48,118 +55,49 @@ from .estimate import (
     stand_upright,
 )
 from .measurement import measure
-from .records import BY_TORQUES, JOINT, NOT_FELT, RULES, STATE
-from .torques import (
-    aim_joints,
-    bear_on_soles,
-    feel_landing,
-    limit_torques,
-    want_accelerations,
+from .records import (
+    AT_ADAPTATION,
+    AT_BODIES,
+    AT_COMMAND,
+    AT_ENCODERS,
+    AT_FELT,
+    AT_GUARD,
+    AT_JOINTS,
+    AT_LAW,
+    AT_LAW_STATE,
+    AT_MOTORS,
+    AT_MOVED,
+    AT_OBSERVER,
+    AT_ONLINE,
+    AT_PAST,
+    AT_PENDULUM,
+    AT_PHASES,
+    AT_Q,
+    AT_RATES,
+    AT_REFERENCE,
+    AT_RULES,
+    AT_SEEN,
+    AT_SENSED,
+    AT_SET_POINTS,
+    AT_SPEEDS,
+    AT_STATE,
+    AT_STEPS,
+    AT_TABLE,
+    AT_TORQUES,
+    AT_V,
+    AT_WATCH,
+    AT_WORK,
+    BY_TORQUES,
+    HANDED_OVER,
+    JOINT,
+    NOT_FELT,
+    RULES,
+    STATE,
 )
-from .wrench_estimate import (
-    Observer,
-    fit_wrenches,
-    follow_forces,
-)
-
-HANDED_OVER = -1
-"""What `act` and `tick` return where the robust solver has to resolve the task."""
+from .torque_tick import act_by_torque, find_dance
+from .wrench_estimate import Observer, fit_wrenches, follow_forces
 
 _I8 = np.dtype(np.int64)
-
-
-class Arrays(NamedTuple):
-    """All that a tick reads and writes."""
-
-    links: np.ndarray
-    """Records of `LINK`: the robot, and workspace."""
-    limbs: np.ndarray
-    """Records of `LIMB`."""
-    sites: np.ndarray
-    """Records of `SITE`: soles, ankle sensors, IMU, limbs' ends."""
-    wanted: np.ndarray
-    """One record of `WANTED`."""
-    rules: np.ndarray
-    """One record of `RULES`."""
-    state: np.ndarray
-    """One record of `STATE`."""
-    joints: np.ndarray
-    """Records of `JOINT`."""
-    dance: np.ndarray
-    """One record of `DANCE`."""
-    moved: np.ndarray
-    """Joints that the embedded motion moves."""
-    knots: np.ndarray
-    """Its knots [s]."""
-    cubics: np.ndarray
-    """Its cubics, one after the other."""
-    reference: np.ndarray
-    """One record of `REFERENCE`."""
-    q: np.ndarray
-    """Commanded configuration."""
-    v: np.ndarray
-    """Its velocity [xdot_o; qdot]."""
-    set_points: np.ndarray
-    """Set-points of the joints [rad]."""
-    sensed: np.ndarray
-    """The body center at the origin, then what the encoders read [rad]."""
-    felt: np.ndarray
-    """What both ankle sensors feel (12), and the IMU's quaternion wxyz, gyro [rad/s]
-    and accelerometer [m/s^2]."""
-    law: np.ndarray
-    """One record of `LAW`."""
-    law_state: np.ndarray
-    """One record of `LAW_STATE`."""
-    past: np.ndarray
-    """Reference CoM and ZMP of the last ticks, four numbers each, flat."""
-    watch: np.ndarray
-    """One record of `WATCH`."""
-    guard: np.ndarray
-    """One record of `GUARD`."""
-    table: np.ndarray
-    """The pattern's phases, `PHASE`; empty if references come from elsewhere."""
-    pendulum: np.ndarray
-    """omega_n [rad/s] and height [m] of the pattern's pendulum."""
-    bodies: np.ndarray
-    """Records of `BODY`: inertias of the links, and workspace."""
-    acceleration: np.ndarray
-    """Rate of v [m/s^2, rad/s^2], then the generalised forces [N, N m]."""
-    speeds: np.ndarray
-    """Set-points of the joints' rates [rad/s]."""
-    torques: np.ndarray
-    """Torques of the joints [N m], fed forward."""
-    encoders: np.ndarray
-    """What the encoders read last [rad]."""
-    rates: np.ndarray
-    """Joint rates, low-passed differences of that, then the gyro's [rad/s]."""
-    seen: np.ndarray
-    """Configuration that the ground is felt in, where positions are commanded, then
-    its velocity."""
-    observer: np.ndarray
-    """Records of `BODY`; the arrays from here on are those of `Observer`."""
-    motors: np.ndarray
-    """Torques that the motors report [N m]."""
-    slow: np.ndarray
-    """The same after the filter of the joint rates [N m]."""
-    filtered: np.ndarray
-    """The same after the observer's filter [N m]."""
-    last: np.ndarray
-    """The last velocity."""
-    change: np.ndarray
-    """Its rate, filtered."""
-    forces: np.ndarray
-    """Generalised forces of the motion [N, N m]."""
-    fit: np.ndarray
-    """Normal equations of the soles' wrenches, with their right side."""
-
-
-# Places of `Arrays` in their handle.
-AT_RULES, AT_STATE, AT_JOINTS, AT_DANCE, AT_MOVED = range(4, 9)
-AT_KNOTS, AT_CUBICS, AT_REFERENCE, AT_Q, AT_V = range(9, 14)
-AT_SET_POINTS, AT_SENSED, AT_FELT, AT_LAW, AT_LAW_STATE = range(14, 19)
-AT_PAST, AT_WATCH, AT_GUARD, AT_TABLE, AT_PENDULUM = range(19, 24)
-AT_BODIES, AT_ACCELERATION, AT_SPEEDS, AT_TORQUES = range(24, 28)
-AT_ENCODERS, AT_RATES, AT_SEEN, AT_OBSERVER, AT_MOTORS = range(28, 33)
 
 
 @kernel
@@ -253,6 +191,42 @@ def sense(handle: np.ndarray) -> int:
 
 
 @kernel
+def move_steps(handle: np.ndarray) -> None:
+    """Move the step that is made, if the ankles cannot hold the measured CoM."""
+    adaptation = records_at(handle, AT_ADAPTATION, ADAPTATION)
+    if not len(adaptation):
+        return
+    how = adaptation[0]
+    table, command = (
+        records_at(handle, AT_PHASES, PHASE),
+        records_at(handle, AT_COMMAND, COMMAND)[0],
+    )
+    state = records_at(handle, AT_STATE, STATE)[0]
+    reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
+    c, s, lean = math.cos(reference.heading), math.sin(reference.heading), state.lean
+    offset, away = state.offsets[state.support], how.away
+    away[0] = offset[0] - (c * lean[0] - s * lean[1])
+    away[1] = offset[1] - (s * lean[0] + c * lean[1])
+    moved = adapt(
+        table,
+        records_at(handle, AT_ONLINE, ONLINE)[0],
+        command,
+        records_at(handle, AT_WORK, WORK),
+        records_at(handle, AT_STEPS, STEP),
+        how,
+        reference,
+        state.com,
+        state.swift_velocity,
+        away,
+    )
+    if moved:
+        time = reference.time
+        fill_reference(table[:1], command.omega, command.height, time, reference)
+    period = records_at(handle, AT_RULES, RULES)[0].period
+    lower(how, reference, state.com, state.swift_velocity, period)
+
+
+@kernel
 def control(handle: np.ndarray) -> None:
     """Apply the walking law, Eq. (31), to what was measured."""
     law = records_at(handle, AT_LAW, LAW)[0]
@@ -280,23 +254,11 @@ def _place_commanded(flat: Flat, handle: np.ndarray, rules: Record) -> None:
 
 
 @kernel
-def _find_dance(handle: np.ndarray) -> None:
-    """Find where the embedded motion is."""
-    reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
-    joints = records_at(handle, AT_JOINTS, JOINT)
-    dance = records_at(handle, AT_DANCE, DANCE)[0]
-    moved = records_at(handle, AT_MOVED, _I8)
-    if len(moved):
-        knots, cubics = floats_at(handle, AT_KNOTS), floats_at(handle, AT_CUBICS)
-        dance_at(dance, moved, knots, cubics, joints, reference.time)
-
-
-@kernel
 def pose_task(handle: np.ndarray) -> None:
     """Write the task of the tick: CoM, trunk, feet and the embedded motion."""
     flat, rules = flat_at(handle), records_at(handle, AT_RULES, RULES)[0]
     _place_commanded(flat, handle, rules)
-    _find_dance(handle)
+    find_dance(handle)
     want(
         flat,
         rules,
@@ -333,81 +295,6 @@ def finish(handle: np.ndarray, dt: float) -> None:
     joints = records_at(handle, AT_JOINTS, JOINT)
     for j in range(len(joints)):
         speeds[j], torques[j] = v[6 + j], joints[j].torque
-
-
-@kernel
-def want_motion(handle: np.ndarray) -> None:
-    """Write the task of the tick in accelerations."""
-    _find_dance(handle)
-    feel_landing(
-        records_at(handle, AT_RULES, RULES)[0],
-        records_at(handle, AT_STATE, STATE)[0],
-        records_at(handle, AT_REFERENCE, REFERENCE)[0],
-    )
-    want_accelerations(
-        flat_at(handle),
-        records_at(handle, AT_BODIES, BODY),
-        records_at(handle, AT_RULES, RULES)[0],
-        records_at(handle, AT_STATE, STATE)[0],
-        records_at(handle, AT_LAW_STATE, LAW_STATE)[0],
-        wanted_at(handle)[0],
-        records_at(handle, AT_JOINTS, JOINT),
-        records_at(handle, AT_MOVED, _I8),
-        floats_at(handle, AT_Q),
-        floats_at(handle, AT_V),
-        records_at(handle, AT_REFERENCE, REFERENCE)[0],
-    )
-
-
-@kernel
-def exert(handle: np.ndarray) -> None:
-    """Write the torques of the accelerations that were resolved, and set-points."""
-    flat, bodies = flat_at(handle), records_at(handle, AT_BODIES, BODY)
-    rules = records_at(handle, AT_RULES, RULES)[0]
-    state = records_at(handle, AT_STATE, STATE)[0]
-    joints = records_at(handle, AT_JOINTS, JOINT)
-    q, v = floats_at(handle, AT_Q), floats_at(handle, AT_V)
-    both = floats_at(handle, AT_ACCELERATION)
-    a, t = both[: len(v)], both[len(v) :]
-    accelerate_links(flat, bodies, a)
-    load_links(flat, bodies, a, rules.gravity, t)
-    reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
-    bear_on_soles(flat, rules, state, reference, t, joints)
-    aim_joints(
-        flat,
-        bodies,
-        rules,
-        state,
-        wanted_at(handle)[0],
-        joints,
-        records_at(handle, AT_MOVED, _I8),
-        q,
-        v,
-        a,
-        reference,
-        floats_at(handle, AT_SET_POINTS),
-        floats_at(handle, AT_SPEEDS),
-    )
-    speeds, torques = floats_at(handle, AT_SPEEDS), floats_at(handle, AT_TORQUES)
-    limit_torques(state, joints, speeds, torques)
-
-
-@kernel
-def act_by_torque(handle: np.ndarray) -> int:
-    """Resolve the task into accelerations, and write torques and set-points."""
-    want_motion(handle)
-    rules = records_at(handle, AT_RULES, RULES)[0]
-    q, v = floats_at(handle, AT_Q), floats_at(handle, AT_V)
-    a = floats_at(handle, AT_ACCELERATION)[: len(v)]
-    joints = records_at(handle, AT_JOINTS, JOINT)
-    if not rules.solvable:
-        return HANDED_OVER
-    if resolve(flat_at(handle), wanted_at(handle)[0], a) != SOLVED:
-        return HANDED_OVER
-    if not keeps_limits(rules, joints, q, v, a):
-        return HANDED_OVER
-    exert(handle)
-    return WALKS
 
 
 @kernel
@@ -450,5 +337,6 @@ def tick(handle: np.ndarray, time: float) -> int:
     status = sense(handle)
     if status != WALKS:
         return status
+    move_steps(handle)
     control(handle)
     return act(handle)

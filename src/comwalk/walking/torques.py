@@ -143,7 +143,8 @@ def _want_com(
 ) -> None:
     """Write the CoM's acceleration, its ZMP held inside the soles."""
     W, k_v, c = rules.bandwidth, rules.com_servo, state.com
-    lift = W * W * (ref.com[2] - c[2]) - 2.0 * W * state.com_velocity[2]
+    lift = W * W * (ref.com[2] - c[2]) + ref.com_acceleration[2]
+    lift += 2.0 * W * (ref.com_velocity[2] - state.com_velocity[2])
     lift = min(max(lift, -0.5 * rules.gravity), 0.5 * rules.gravity)
     arm, stray = _arm(rules, c, lift), state.stray
     a_x = ref.com_acceleration[0] + k_v * (law.u[0] - state.com_velocity[0])
@@ -157,6 +158,41 @@ def _want_com(
     asked[2] = lift
     for i in range(3):
         wanted.com[i] = asked[i] - state.com_bias[i]
+
+
+@kernel
+def _keep_within_reach(
+    flat: Flat, bodies: np.ndarray, rules: Record, k: int, yaw: float, goal: np.ndarray
+) -> bool:
+    """Bring the goal of foot k nearer to its hip, if the leg is too short for it.
+
+    Args:
+        flat: The robot, placed.
+        bodies: Its links, with their velocities.
+        rules: Settings.
+        k: The foot.
+        yaw: Its heading [rad].
+        goal: Position of its sole [m] and velocity [m/s], world, which change.
+
+    Returns:
+        Whether the leg reaches it.
+    """
+    n, arm = rules.hip[k], rules.ankle[k]
+    hip, speed = flat.links[n].p, bodies[n].velocity
+    c, s = math.cos(yaw), math.sin(yaw)
+    x = goal[0] + c * arm[0] - s * arm[1] - hip[0]
+    y = goal[1] + s * arm[0] + c * arm[1] - hip[1]
+    z = goal[2] + arm[2] - hip[2]
+    far = math.sqrt(x * x + y * y + z * z)
+    if far <= rules.reach[k]:
+        return True
+    x, y, z, over = x / far, y / far, z / far, far - rules.reach[k]
+    u, v, w = goal[3] - speed[0], goal[4] - speed[1], goal[5] - speed[2]
+    out = max(u * x + v * y + w * z, 0.0)
+    goal[0], goal[3] = goal[0] - over * x, goal[3] - out * x
+    goal[1], goal[4] = goal[1] - over * y, goal[4] - out * y
+    goal[2], goal[5] = goal[2] - over * z, goal[5] - out * z
+    return False
 
 
 @kernel
@@ -176,16 +212,20 @@ def _want_foot(
         for i in range(6):
             out[i] = -W * twist[i] - drift[i]
         return
-    x_d, y_d, yaw_d = foothold(state, ref, k)
-    z_d = foot.position[2] + state.heights[1 - k]
+    goal = state.goal
+    goal[0], goal[1], yaw_d = foothold(state, ref, k)
+    goal[2] = foot.position[2] + state.heights[1 - k]
+    for i in range(3):
+        goal[3 + i] = foot.velocity[i]
+    within = _keep_within_reach(flat, bodies, rules, k, yaw_d, goal)
     x, y, z = site_point(flat, limb.site)
     site_rotation(flat, limb.site, state.sensor)
-    away[0], away[1], away[2] = x_d - x, y_d - y, z_d - z
+    away[0], away[1], away[2] = goal[0] - x, goal[1] - y, goal[2] - z
     away[3], away[4], away[5] = turn_to_level(yaw_d, state.sensor, state.other)
     for i in range(6):
         out[i] = W * W * away[i] - 2.0 * W * twist[i] - drift[i]
     for i in range(3):
-        out[i] += foot.acceleration[i] + 2.0 * W * foot.velocity[i]
+        out[i] += 2.0 * W * goal[3 + i] + (foot.acceleration[i] if within else 0.0)
     out[5] += foot.yaw_acceleration + 2.0 * W * foot.yaw_rate
 
 
@@ -295,6 +335,18 @@ def aim_joints(
             out[j], speeds[j] = q[7 + j], v[6 + j] + rules.period * a[6 + j]
         if not state.landed[k]:
             _aim_foot(flat, bodies, state, wanted, limb, reference.feet[k], out, speeds)
+            for n in range(limb.own):
+                j = limb.chain[n] - 1
+                _keep_to_limits(joints[j], out, speeds, j)
+
+
+@kernel
+def _keep_to_limits(joint: Record, out: np.ndarray, speeds: np.ndarray, j: int) -> None:
+    """Keep a set-point within the joint's limits, and its rate from leaving them."""
+    if out[j] > joint.upper:
+        out[j], speeds[j] = joint.upper, min(speeds[j], 0.0)
+    if out[j] < joint.lower:
+        out[j], speeds[j] = joint.lower, max(speeds[j], 0.0)
 
 
 @kernel
@@ -326,6 +378,20 @@ def _aim_foot(
         twist[i] = asked[i]
     for i in range(3):
         wanted.trunk[i] = trunk[i]
+
+
+@kernel
+def zmp_of_motion(
+    flat: Flat, state: Record, reference: Record, t: np.ndarray
+) -> tuple[float, float]:
+    """Return the ZMP that a motion asks for, x and y [m], world."""
+    p, share = flat.links[0].p, state.share
+    ground = share * site_point(flat, flat.limbs[0].site)[2]
+    ground += (1.0 - share) * site_point(flat, flat.limbs[1].site)[2]
+    lift, lean, f_z = p[2] - ground, state.lean, max(t[2], 1.0)
+    c, s = math.cos(reference.heading), math.sin(reference.heading)
+    x = p[0] - (t[4] + lift * t[0]) / f_z + c * lean[0] - s * lean[1]
+    return x, p[1] + (t[3] - lift * t[1]) / f_z + s * lean[0] + c * lean[1]
 
 
 @kernel

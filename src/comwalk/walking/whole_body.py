@@ -44,6 +44,7 @@ from ..embedding import (
 from ..errors import PlanError
 from ..handles import handle_of
 from ..pattern import (
+    ONLINE_ARRAYS,
     REFERENCE,
     OnlinePattern,
     Pattern,
@@ -53,19 +54,9 @@ from ..pattern import (
 )
 from ..robot import LEGS, Kinematics, Robot, bodies_of, can_resolve, carried, flatten
 from ..sides import Side
-from .records import STATE, dance_of, joints_of, rules_of
-from .tick import (
-    HANDED_OVER,
-    Arrays,
-    act,
-    exert,
-    finish,
-    look_up,
-    pose_task,
-    sense,
-    take_measurement,
-    tick,
-)
+from .records import HANDED_OVER, STATE, Arrays, dance_of, joints_of, rules_of
+from .tick import act, finish, look_up, pose_task, sense, take_measurement, tick
+from .torque_tick import exert
 
 
 class WholeBody:
@@ -146,6 +137,7 @@ class WholeBody:
             *map(np.zeros, (12 + 2 * n, n, n, n, 3 + n, 13 + 2 * n)),
             bodies_of(robot),
             *map(np.zeros, (n, n, n, 6 + n, 6 + n, 6 + n, 6 * 7)),
+            *(np.zeros(0, kind) for kind in ONLINE_ARRAYS),
         )
 
     @property
@@ -357,7 +349,10 @@ class WholeBody:
             a speed or position limit; `loss`: the largest residual [m/s, rad/s],
             by torque of accelerations [m/s^2, rad/s^2].
         """
-        resolution = self.resolution
+        resolution, state = self.resolution, self.arrays.state[0]
+        if resolution is None and state["spared"]:
+            limited, lost = float(state["limited"]), float(state["lost"])
+            return {"damped": 0.0, "limited": limited, "loss": lost}
         if resolution is None or not (resolution.damped or resolution.limited):
             return {"damped": 0.0, "limited": 0.0, "loss": 0.0}
         return {
@@ -426,6 +421,8 @@ class WholeBodyTicker:
             pendulum = np.array([pattern.pendulum.omega, pattern.pendulum.height])
             table = np.ascontiguousarray(pattern.table)
             arrays = arrays._replace(table=table, pendulum=pendulum)
+        if isinstance(pattern, OnlinePattern) and len(pattern.adaptation):
+            arrays = Arrays(*arrays[: -len(pattern.arrays)], *pattern.arrays)
         self.arrays = arrays
         """All that a tick reads and writes."""
         self.handle = handle_of(*arrays)

@@ -21,13 +21,12 @@ from comwalk.compiled import kernel
 from comwalk.pattern import (
     PHASE,
     REFERENCE,
-    STEP,
     WORK,
     OnlinePattern,
     fill_plan,
     fill_references,
+    step_records,
 )
-from comwalk.sides import Side
 
 STEPS = (1, 4, 20, 100, 1000, 10000)
 WALK = 20
@@ -74,25 +73,14 @@ def replanning(rounds: int) -> dict[str, float]:
 
 def _compiled_plan(plan: cw.FootstepPlan, omega: float) -> Callable[[int], Any]:
     """Return what fills the table of a plan that lies in arrays."""
-    steps = np.array(
-        [
-            (
-                0 if step.side is Side.LEFT else 1,
-                (step.x, step.y, step.yaw),
-                *(step.single_support, step.double_support, step.swing_height),
-            )
-            for step in plan.steps
-        ],
-        STEP,
-    )
-    stands = np.full(len(steps), -1.0)
+    steps = step_records(plan)
     table = np.zeros(2 * len(steps) + 5, PHASE)
     work = np.zeros(len(table), WORK)
     feet = np.array([(foot.x, foot.y, foot.yaw) for foot in (plan.left, plan.right)])
     times = np.array([plan.stand_time, plan.start_time, plan.stop_time])
 
     def fill(k: int) -> np.ndarray:
-        fill_plan(table, steps, stands, feet, times, omega, False, work)
+        fill_plan(table, steps, feet, times, omega, False, work)
         return table
 
     return fill

@@ -391,7 +391,8 @@ def _walked(
     link: Callable[[Any], Link] | None = None
     with recorder:
         if isinstance(plant, SimulatedRobot):
-            take_log(log, plant, pattern.duration)
+            spare = getattr(walked, "spare", 0.0)
+            take_log(log, plant, pattern.duration + spare)
 
             def link(ticker: WholeBodyTicker) -> MujocoLink:
                 return MujocoLink(plant, ticker, log, progress)

@@ -485,7 +485,7 @@ def test_snippets_of_the_docs_print_what_they_say(capsys):
     text = (Path(__file__).parents[2] / "docs" / "replanning.md").read_text("utf-8")
     runs = re.findall(r"<!-- run -->\n```python\n(.*?)```", text, re.DOTALL)
     says = re.findall(r"<!-- says -->\n```text\n(.*?)```", text, re.DOTALL)
-    assert len(runs) == len(says) == 2
+    assert len(runs) == len(says) == 3
     names: dict[str, object] = {}
     for code, said in zip(runs, says, strict=True):
         exec(compile(code, "docs/replanning.md", "exec"), names)

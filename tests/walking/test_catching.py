@@ -262,3 +262,20 @@ def test_reach_is_known_to_the_rules():
     assert "reach" in (RULES.names or ())
     assert rules["reach"] == pytest.approx([0.563, 0.563], abs=0.01)
     assert rules["ankle"][:, 2] == pytest.approx([0.08, 0.08], abs=1e-9)
+
+
+def test_a_walk_that_was_pushed_at_its_end_stands_before_it_ends():
+    """Steps that bring the feet together take time that no plan had."""
+    setup = build_walk(WalkConfig(robot="paper", steps=3, pd=(100.0, 40.0, 2.0)))
+    assert setup.robot is not None
+    last = [s for s in setup.pattern.phases if s.phase is Phase.SINGLE_RIGHT][-1]
+    force = (0.0, 4.0 * setup.robot.mass, 0.0)
+    push = Push(start=last.start + 0.2, force=force, duration=0.1)
+    physics = SimulatorSettings(pushes=(push,))
+    run = dataclasses.replace(setup, physics=physics).run()
+    assert run.outcome.ok, run.outcome
+    assert run.summary()["steps_moved"] > 0
+    assert run.log["phase"][-1] == Phase.STAND
+    feet = run.log["feet_ref"][-1]
+    assert np.abs(feet[0] - feet[1])[:2] == pytest.approx([0.0, 0.18], abs=1e-3)
+    assert run.outcome.time > setup.pattern.duration - 1e-9

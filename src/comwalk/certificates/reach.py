@@ -104,7 +104,7 @@ def stepping_of(robot: Robot) -> Stepping:
     kinematics = Kinematics(robot)
     kinematics.update(robot.home)
     anchors = [_joint_anchors(robot, kinematics, LEGS[side]) for side in Side]
-    longest = REACH_SHARE * min(_stretched(robot, side) for side in Side)
+    longest = REACH_SHARE * _leg_length(robot, kinematics)
     tall = max(x[0, 2] - x[-1, 2] for x in anchors)
     swings = math.sqrt(max(longest**2 - tall**2, 0.0))
     apart = float(np.linalg.norm(anchors[0][0, :2] - anchors[1][0, :2]))
@@ -137,7 +137,7 @@ def agility_of(robot: Robot) -> Agility:
     anchors = _joint_anchors(robot, kinematics, LEGS[Side.LEFT])
     com, sole = kinematics.com, kinematics.sites(_sites(robot))[0][0]
     hip = (anchors[0] - com) - (anchors[-1] - sole)
-    length = min(_stretched(robot, side) for side in Side)
+    length = _leg_length(robot, kinematics)
     return Agility(
         half=(_USED * 0.5 * robot.sole_size[0], _USED * 0.5 * robot.sole_size[1]),
         leg=_STRETCHED * length,
@@ -167,9 +167,12 @@ def adaptive(robot: Robot, pattern: Pattern) -> Walkable:
         pattern: What is to be walked.
 
     Returns:
-        The same pattern if its joints take positions, or if there are no steps.
+        The same pattern if its joints take positions, if legs have not six joints, or
+        if there are no steps.
     """
-    if robot.servos is None or not pattern.plan.steps:
+    legs = [limb for limb in robot.limbs if limb.name in LEGS.values()]
+    whole = all(len(limb.joints) == 6 for limb in legs)
+    if robot.servos is None or not whole or not pattern.plan.steps:
         return pattern
     return OnlinePattern.of(pattern, agility=agility_of(robot))
 
@@ -302,24 +305,11 @@ def _joint_anchors(robot: Robot, kinematics: Kinematics, name: str) -> np.ndarra
     return kinematics.data.xanchor[joints]
 
 
-def _stretched(robot: Robot, side: Side) -> float:
-    """Return the largest distance of hip and ankle, over all angles of the knee [m]."""
-    kinematics, q, name = Kinematics(robot), robot.home.copy(), LEGS[side]
-    leg = next(list(limb.joints) for limb in robot.limbs if limb.name == name)
-    kinematics.update(q)
+def _leg_length(robot: Robot, kinematics: Kinematics) -> float:
+    """Return the length of the shorter leg, stretched [m]."""
     skeleton = Skeleton(robot.model, kinematics.data, robot.name)
-    joints = [j + 1 for j in leg]
-    knee = leg[skeleton.middle(joints, skeleton.anchors(joints)[-1])]
-    longest = 0.0
-    low, high = max(robot.lower[knee], -math.pi), min(robot.upper[knee], math.pi)
-    for q[7 + knee] in np.linspace(low, high, _KNEE_ANGLES):
-        kinematics.update(q)
-        anchors = _joint_anchors(robot, kinematics, name)
-        longest = max(longest, float(np.linalg.norm(anchors[-1] - anchors[0])))
-    return longest
-
-
-_KNEE_ANGLES = 91
+    limbs = [limb for limb in robot.limbs if limb.name in LEGS.values()]
+    return min(skeleton.leg_length([j + 1 for j in limb.joints]) for limb in limbs)
 
 
 def _needed(

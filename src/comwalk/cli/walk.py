@@ -464,7 +464,8 @@ def _summary_rows(s: dict[str, Any]) -> Iterator[tuple[str, str]]:
 
     yield "outcome", outcome_text(s)
     if s["steps_planned"]:
-        yield "steps", f"{s['steps_completed']} of {s['steps_planned']}"
+        moved = f", {n} moved" if (n := s.get("steps_moved")) else ""
+        yield "steps", f"{s['steps_completed']} of {s['steps_planned']}{moved}"
         yield "distance", f"{s['distance_m']:.3f} m"
         error = _text(s, "heading_error_deg", ", {:.2f} deg")
         yield "end position error", f"{1e3 * s['position_error_m']:.1f} mm{error}"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import itertools
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -170,7 +170,7 @@ def walk(
     outcome, reason = None, "an error"
     try:
         sensors: Sensors | None = plant.start(command)
-        for k in range(math.ceil(pattern.duration / plant.period)):
+        for k in _periods(pattern, plant.period):
             begin = time.perf_counter()
             outcome = ticker.step(k * plant.period, sensors)
             if outcome is None or k == 0:  # a fall at once leaves a record, too
@@ -187,6 +187,14 @@ def walk(
     if outcome is None:
         return completed(ticker.reference, pattern.duration)
     return outcome
+
+
+def _periods(pattern: Walkable, period: float) -> Iterator[int]:
+    """Yield the numbers of control periods until the end, which may come later."""
+    k, end = 0, math.ceil(pattern.duration / period)
+    while k < end:
+        yield from range(k, end)
+        k, end = end, math.ceil(pattern.duration / period)
 
 
 def check_plant(body: Body, plant: Plant) -> None:

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from .pendulum import Pendulum as Pendulum
     from .pendulum import zmp_of_motion as zmp_of_motion
     from .phases import fill_plan as fill_plan
+    from .phases import step_records as step_records
     from .plan_files import load_plan as load_plan
     from .plans import excerpt as excerpt
     from .plans import plan_segments as plan_segments

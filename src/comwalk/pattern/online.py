@@ -112,8 +112,9 @@ class OnlinePattern:
         name = "duration"
         if duration != math.inf:
             checked_number(name, duration, unit="s", low=0.0, open_low=True)
-        self.duration = float(duration)
-        """When `walk` ends [s]."""
+        self._duration = float(duration)
+        self.spare = 0.0
+        """How much later it may end, if steps that are moved take longer [s]."""
         self.driver = driver
         """Called before each reference."""
         self.pendulum = pendulum
@@ -189,6 +190,8 @@ class OnlinePattern:
         if plan.steps:
             online._follow(step_records(plan))
             online._command["stand"] = plan.stand_time
+            if agility is not None:
+                online.spare = 4.0 * online.gait.period + plan.stop_time
             online._replan()
         return online
 
@@ -205,6 +208,20 @@ class OnlinePattern:
         fill_standing(self._table, gait.stand_time, feet)
         self._gait = gait
         self._take(gait)
+
+    @property
+    def duration(self) -> float:
+        """When `walk` ends [s]: when it stands again after the steps of a plan."""
+        if not self.spare:
+            return self._duration
+        last = self.table[-1]
+        end = float(last["start"] + last["duration"])
+        return min(max(self._duration, end), self._duration + self.spare)
+
+    @duration.setter
+    def duration(self, duration: float) -> None:
+        """End at another time [s], whatever is walked."""
+        self._duration, self.spare = duration, 0.0
 
     @property
     def gait(self) -> Gait:

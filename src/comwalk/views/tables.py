@@ -31,6 +31,7 @@ class Figure(NamedTuple):
 FIGURES = (
     Figure("end", "time_s", "s", 2),
     Figure("steps completed", "steps_completed", "", 0, 1),
+    Figure("steps moved", "steps_moved", "", 0),
     Figure("distance", "distance_m", "m", 3),
     Figure("end position error", "position_error_m", "mm", 1, -1, 1e3),
     Figure("end heading error", "heading_error_deg", "deg", 2),

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..compiled import load
 from ..control import PROGRESS_ROWS, Progress, Sensors
+from ..errors import RunError
 from ..handles import handle_of
 from ..robot import links_in
 from ..runs import Log
@@ -58,8 +59,14 @@ class MujocoLink:
             k: Number of the period.
             sensors: What the tick was given, if not by the arrays.
             seconds: How long the tick took [s].
+
+        Raises:
+            RunError: If the log has no row for it.
         """
         plant, log = self._plant, self._log
+        if k >= len(log.table):
+            most = len(log.table) * plant.period
+            raise RunError(f"the walk lasts longer than its log of {most:g} s")
         if plant.pushable:
             plant.begin(k)
         if sensors is not None:

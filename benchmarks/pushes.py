@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 
 from comwalk.certificates import agility_of, stepping_of
-from comwalk.config import WalkConfig
-from comwalk.control import Push, SimulatorSettings
+from comwalk.config import DanceConfig, WalkConfig
+from comwalk.control import End, Push, SimulatorSettings
 from comwalk.errors import ComwalkError
-from comwalk.pattern import Phase, largest_push
+from comwalk.pattern import Phase, largest_push, make_pattern
 from comwalk.run import Run
-from comwalk.setup import Setup, build_walk
+from comwalk.setup import Setup, build_dance, build_walk
 
 PAGE = Path(__file__).parent.parent / "docs" / "replanning.md"
 ROBOTS = ("paper", "talos", "g1")
@@ -54,8 +54,13 @@ def walk(setup: Setup, pushes: tuple[Push, ...] = (), **physics: Any) -> Run:
     return dataclasses.replace(setup, physics=settings).run()
 
 
+def stays(setup: Setup, pushes: tuple[Push, ...] = (), **physics: Any) -> bool:
+    """Return whether the robot does not fall; where it ends is not asked."""
+    return walk(setup, pushes, **physics).outcome.end is not End.FELL
+
+
 def push_of(
-    setup: Setup, way: tuple[int, int], speed: float, start: float, time: float
+    setup: Setup, way: tuple[float, float], speed: float, start: float, time: float
 ) -> Push:
     """Return the push that makes a velocity step [m/s] in a time [s]."""
     mass = setup.robot.mass if setup.robot else 0.0
@@ -91,7 +96,7 @@ def largest(setup: Setup, way: tuple[int, int], share: float = 0.0) -> float:
         speed = 0.05 * k
         for start, time in starts:
             push = push_of(setup, way, speed, start, time)
-            if not walk(setup, (push,)).outcome.ok:
+            if not stays(setup, (push,)):
                 return speed - 0.05
     return math.inf
 
@@ -151,10 +156,43 @@ def minutes(seeds: int = 20) -> Rows:
                 period = step.single_support + step.double_support
                 setup = setup_of(name, round(57.0 / period), speed=speed)
                 one = dataclasses.replace(setup, adapt=adapt)
-                ends = [walk(one, _random(one, k), **REAL) for k in range(seeds)]
-                counts.append(f"{sum(run.outcome.ok for run in ends)} of {seeds}")
+                ends = [stays(one, _random(one, k), **REAL) for k in range(seeds)]
+                counts.append(f"{sum(ends)} of {seeds}")
             else:
                 yield name, title, *counts
+
+
+def _from_rest(robot: str, dances: bool) -> Setup | None:
+    """Return the setup of standing, or of dancing, for 10 s."""
+    if dances:
+        config = DanceConfig(robot=robot, pd=PD, duration=10.0, frequency=0.5)
+        return build_dance(dataclasses.replace(config, force=True))
+    setup = setup_of(robot, 1)
+    if setup is None or setup.robot is None:
+        return None
+    plan = dataclasses.replace(setup.pattern.plan, steps=(), closing=0, stand_time=5.0)
+    pattern = make_pattern(plan, setup.pattern.pendulum)
+    return dataclasses.replace(setup, pattern=pattern)
+
+
+def rest() -> Rows:
+    """Yield in how many of 16 directions pushes from rest are withstood."""
+    speeds = (0.2, 0.3, 0.4, 0.5)
+    yield ("robot", "doing", "steps", *(f"{speed} m/s" for speed in speeds))
+    for name, dances in itertools.product(ROBOTS, (False, True)):
+        if setup_of(name, 1) is None:
+            continue
+        setup = _from_rest(name, dances)
+        if setup is None:
+            continue
+        for title, adapt in (("as planned", False), ("moved", True)):
+            one, counts = dataclasses.replace(setup, adapt=adapt), []
+            for speed in speeds:
+                angles = [2.0 * math.pi * k / 16 for k in range(16)]
+                ways = [(math.cos(angle), math.sin(angle)) for angle in angles]
+                pushes = [push_of(one, way, speed, 4.0, 0.1) for way in ways]
+                counts.append(f"{sum(stays(one, (push,)) for push in pushes)} of 16")
+            yield name, "dancing" if dances else "standing", title, *counts
 
 
 def floors() -> Rows:
@@ -247,6 +285,7 @@ def latency() -> Rows:
 TABLES: dict[str, Callable[[], Rows]] = {
     "pushes": pushes,
     "long_pushes": long_pushes,
+    "rest": rest,
     "minutes": minutes,
     "floors": floors,
     "quiet": quiet,

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 
-from comwalk.pattern import adaptation
+from comwalk.pattern import adaptation, replan
 from comwalk.pattern.adaptation import Agility, adapt, adaptation_record
 from comwalk.pattern.footsteps import PAPER_SOLE, Gait
 from comwalk.pattern.online import OnlinePattern
@@ -184,7 +184,7 @@ def test_the_plan_goes_on_from_where_the_robot_is(c, v, since):
     piece = online.table[:1].copy()
     assert piece["kind"][0] == SINGLE_LEFT
     start, zmp = float(piece["start"][0]), 0.02
-    adaptation._pass_through(piece[0], since, 0, c, v, zmp, OMEGA)
+    replan.pass_through(piece[0], since, 0, c, v, zmp, OMEGA)
     found = np.zeros(1, REFERENCE)[0]
     fill_reference(piece, OMEGA, HEIGHT, start + since, found)
     assert found["com"][0] == pytest.approx(c, abs=1e-9)

@@ -12,8 +12,8 @@ from robots import robot_of
 
 from comwalk.certificates.defaults import walk_pattern
 from comwalk.certificates.reach import adaptive, agility_of
-from comwalk.config import WalkConfig
-from comwalk.control import Push, SimulatorSettings, WalkingController, walk
+from comwalk.config import DanceConfig, WalkConfig
+from comwalk.control import End, Push, SimulatorSettings, WalkingController, walk
 from comwalk.embedding import (
     SOLVED,
     accelerate_links,
@@ -21,12 +21,12 @@ from comwalk.embedding import (
     resolve,
     wanted_at,
 )
-from comwalk.pattern import OnlinePattern, Phase
+from comwalk.pattern import OnlinePattern, Phase, make_pattern
 from comwalk.robot.dynamics import InverseDynamics
 from comwalk.robot.kinematics import Kinematics
 from comwalk.run import Run, prepare
 from comwalk.runs import load_run, moved_steps
-from comwalk.setup import build_walk
+from comwalk.setup import build_dance, build_walk
 from comwalk.sides import Side
 from comwalk.walking import MujocoLink, take_log
 from comwalk.walking.records import RULES
@@ -97,7 +97,7 @@ def test_where_steps_were_moved_is_seen(tmp_path):
 
 
 def test_only_robots_with_torques_move_steps():
-    """By position, and where there are no steps, the pattern stays what it is."""
+    """By position the pattern stays what it is."""
     stiff, soft = robot_of("paper"), robot_of("paper", actuation="pd")
     pattern = walk_pattern(soft, 2)
     assert adaptive(stiff, pattern) is pattern
@@ -279,3 +279,32 @@ def test_a_walk_that_was_pushed_at_its_end_stands_before_it_ends():
     feet = run.log["feet_ref"][-1]
     assert np.abs(feet[0] - feet[1])[:2] == pytest.approx([0.0, 0.18], abs=1e-3)
     assert run.outcome.time > setup.pattern.duration - 1e-9
+
+
+@pytest.mark.parametrize("angle", [0.0, 2.4, 3.5])
+def test_a_robot_that_stands_steps_out_and_stands_again(angle):
+    """A push in any direction that ankles cannot hold."""
+    setup = build_walk(WalkConfig(robot="paper", steps=1, pd=(100.0, 40.0, 2.0)))
+    assert setup.robot is not None
+    plan = dataclasses.replace(setup.pattern.plan, steps=(), closing=0, stand_time=4.0)
+    pattern = make_pattern(plan, setup.pattern.pendulum)
+    way = 5.0 * setup.robot.mass * np.array([np.cos(angle), np.sin(angle), 0.0])
+    push = Push(start=2.0, force=tuple(way.tolist()), duration=0.1)
+    physics = SimulatorSettings(pushes=(push,))
+    standing = dataclasses.replace(setup, pattern=pattern, physics=physics)
+    assert dataclasses.replace(standing, adapt=False).run().outcome.end is End.FELL
+    run = standing.run()
+    assert run.outcome.end is not End.FELL, run.outcome
+    assert run.summary()["steps_moved"] > 0
+    assert run.log["phase"][-1] == Phase.STAND
+    feet = run.log["feet_ref"][-1]
+    assert np.hypot(*(feet[0] - feet[1])[:2]) == pytest.approx(0.18, abs=0.02)
+
+
+def test_a_robot_that_nobody_pushes_stands():
+    """With noise and a dance, no step is made."""
+    config = DanceConfig(robot="paper", pd=(100.0, 40.0, 2.0), duration=6.0)
+    setup = build_dance(config)
+    run = dataclasses.replace(setup, physics=SimulatorSettings(**FLAWS)).run()
+    assert run.outcome.ok
+    assert run.summary()["steps_moved"] == 0

@@ -167,12 +167,11 @@ def adaptive(robot: Robot, pattern: Pattern) -> Walkable:
         pattern: What is to be walked.
 
     Returns:
-        The same pattern if its joints take positions, if legs have not six joints, or
-        if there are no steps.
+        The same pattern if its joints take positions, or if legs have not six joints.
     """
     legs = [limb for limb in robot.limbs if limb.name in LEGS.values()]
     whole = all(len(limb.joints) == 6 for limb in legs)
-    if robot.servos is None or not whole or not pattern.plan.steps:
+    if robot.servos is None or not whole:
         return pattern
     return OnlinePattern.of(pattern, agility=agility_of(robot))
 

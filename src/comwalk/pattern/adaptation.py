@@ -35,8 +35,9 @@ import numpy as np
 
 from ..compiled import Record, kernel, records
 from .records import ADAPTATION
-from .reference import SINGLE_LEFT, SINGLE_RIGHT
-from .replan import plan_ahead, shift, turn
+from .reference import SINGLE_LEFT, SINGLE_RIGHT, STAND, STOP
+from .replan import pass_through, plan_ahead, shift, step_out
+from .turns import turn
 
 CANDIDATES = 24
 """Touchdowns that are tried [-]."""
@@ -141,6 +142,12 @@ def adapt(
         Whether the plan changed: the reference then has to be looked up again.
     """
     piece, time, omega = table[0], reference.time, how.omega
+    if _rests(piece, command):
+        stance = _falls(how, piece, reference, com, velocity)
+        if stance < 0:
+            return False
+        step_out(table, state, command, work, steps, reference, stance)
+        how.moved = 1  # so that it is sent elsewhere at once
     if piece.kind != SINGLE_LEFT and piece.kind != SINGLE_RIGHT:
         return False
     if how.start != piece.start:
@@ -157,6 +164,27 @@ def adapt(
     _send(how, piece, reference, time, T)
     _go_on(table, state, command, work, steps, how, time, com, velocity)
     return True
+
+
+@kernel
+def _rests(piece: Record, command: Record) -> bool:
+    """Return whether the robot stands, or comes to rest, and no step is planned."""
+    ends = piece.kind == STAND or piece.kind == STOP
+    return ends and piece.landed >= command.steps and not command.walk
+
+
+@kernel
+def _falls(
+    how: Record, piece: Record, reference: Record, com: np.ndarray, velocity: np.ndarray
+) -> int:
+    """Return on which foot to step out where the DCM leaves the soles, or -1."""
+    c, s, feet = math.cos(reference.heading), math.sin(reference.heading), piece.resting
+    x, y = com[0] + velocity[0] / how.omega, com[1] + velocity[1] / how.omega
+    x, y = x - 0.5 * (feet[0, 0] + feet[1, 0]), y - 0.5 * (feet[0, 1] + feet[1, 1])
+    u, v = 0.5 * (feet[0, 0] - feet[1, 0]), 0.5 * (feet[0, 1] - feet[1, 1])
+    x, y, u, v = c * x + s * y, c * y - s * x, c * u + s * v, c * v - s * u
+    held = abs(x) <= abs(u) + how.half[0] and abs(y) <= abs(v) + how.half[1]
+    return -1 if held else (0 if y >= 0.0 else 1)
 
 
 @kernel
@@ -371,41 +399,15 @@ def _go_on(
         for j in range(2, stop + 2):
             table[j].start -= haste
     for i in range(2):
-        _pass_through(piece, since, i, com[i], velocity[i], how.origin[i], omega)
+        pass_through(piece, since, i, com[i], velocity[i], how.origin[i], omega)
     shift(table, 0, stop, since, omega, command.minjerk, work)
     x, y = piece.curve[0, 0] - how.origin[0], piece.curve[1, 0] - how.origin[1]
     x, y = _turned(how, x, y)
     x, y = clamp(x, -how.half[0], how.half[0]), clamp(y, -how.half[1], how.half[1])
     x, y = _placed(how, x, y)
-    _pass_through(piece, since, 0, com[0], velocity[0], x, omega)
-    _pass_through(piece, since, 1, com[1], velocity[1], y, omega)
+    pass_through(piece, since, 0, com[0], velocity[0], x, omega)
+    pass_through(piece, since, 1, com[1], velocity[1], y, omega)
     turn(table, state, command, stop + 1, time, work)
-
-
-@kernel
-def _pass_through(
-    piece: Record, since: float, axis: int, c: float, v: float, zmp: float, omega: float
-) -> None:
-    """Write the curve of a pendulum on a ZMP that is at c, v some time after its start.
-
-    Args:
-        piece: The phase.
-        since: That time [s].
-        axis: 0 for x, 1 for y.
-        c: CoM [m].
-        v: Its velocity [m/s].
-        zmp: The ZMP [m].
-        omega: Natural frequency omega_n [rad/s].
-    """
-    S, q = piece.duration, piece.curve[axis]
-    for k in range(8):
-        q[k] = 0.0
-    q[0] = zmp
-    a, b = 0.5 * (c - zmp + v / omega), 0.5 * (c - zmp - v / omega)
-    e, f = math.exp(omega * since), math.exp(omega * (S - since))
-    q[6] = a / e + b * e
-    q[7] = a * f + b / f
-    piece.inverse_sinh = 1.0 / math.sinh(omega * S)
 
 
 # ---- The height of the CoM -----------------------------------------------------------

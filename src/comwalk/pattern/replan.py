@@ -12,7 +12,7 @@ from . import phases as p
 from .placement import is_walkable, shorten
 from .records import COMMAND, ONLINE, PHASE, REFERENCE, STEP, WORK
 from .reference import DOUBLE, STAND, START, STOP, fill_reference
-from .turns import collect_knots, mean_yaw, set_turn, set_turns, wrapped
+from .turns import heading_at, mean_yaw, set_turn, turn, wrapped
 
 
 @kernel
@@ -413,38 +413,70 @@ def shift(
 
 
 @kernel
-def turn(
-    table: np.ndarray,
-    state: Record,
-    command: Record,
-    last: int,
-    time: float,
-    work: np.ndarray,
+def pass_through(
+    piece: Record, since: float, axis: int, c: float, v: float, zmp: float, omega: float
 ) -> None:
-    """Fill the headings anew, from the heading and its rate now on."""
-    piece = table[0]
-    stands = piece.kind == STAND
-    first = work[0]
-    first.knot, first.yaw = state.knot, state.knot_yaw
-    n = collect_knots(table, 2 if stands else 1, last, work)
-    if stands:
-        first.rate = 0.0
-        set_turns(table, 2, last, n, work)
-        table[0].turn_end = table[1].turn_end = work[n - 1].knot
-        return
-    left = work[1].knot - time
-    if left < command.least:
-        work[1].rate = heading_at(piece, work[1].knot)[1]
-    first.knot = time
-    first.yaw, first.rate = heading_at(piece, time)
-    set_turns(table, 0 if left > 1e-6 else 1, last, n, work)
-    piece.turn_end = work[n - 1].knot
+    """Write the curve of a pendulum on a ZMP that is at c, v some time after its start.
+
+    Args:
+        piece: The phase.
+        since: That time [s].
+        axis: 0 for x, 1 for y.
+        c: CoM [m].
+        v: Its velocity [m/s].
+        zmp: The ZMP [m].
+        omega: Natural frequency omega_n [rad/s].
+    """
+    S, q = piece.duration, piece.curve[axis]
+    for k in range(8):
+        q[k] = 0.0
+    q[0] = zmp
+    a, b = 0.5 * (c - zmp + v / omega), 0.5 * (c - zmp - v / omega)
+    e, f = math.exp(omega * since), math.exp(omega * (S - since))
+    q[6] = a / e + b * e
+    q[7] = a * f + b / f
+    piece.inverse_sinh = 1.0 / math.sinh(omega * S)
 
 
 @kernel
-def heading_at(piece: Record, time: float) -> tuple[float, float]:
-    """Return the heading [rad] of a phase at a time [s], and its rate [rad/s]."""
-    s = max(time - piece.turn_start, 0.0)
-    a, b = piece.turn[0], piece.turn[1]
-    c, d = piece.turn[2], piece.turn[3]
-    return ((a * s + b) * s + c) * s + d, (3.0 * a * s + 2.0 * b) * s + c
+def step_out(
+    table: np.ndarray,
+    state: Record,
+    command: Record,
+    work: np.ndarray,
+    steps: np.ndarray,
+    reference: Record,
+    stance: int,
+) -> None:
+    """Begin a step from rest at once, with a foot that is to land where it is.
+
+    Args:
+        table: The phases; the first one, of standing or stopping, ends.
+        state: How many they are.
+        command: How long the step takes.
+        work: Scratch.
+        steps: The footsteps that were followed.
+        reference: The reference of now.
+        stance: The foot that stays.
+    """
+    rest, step, time, omega = table[0], state.step[0], reference.time, command.omega
+    yaw, rate = heading_at(rest, time)
+    rest.duration = time - rest.start
+    for i in range(3):
+        state.feet[0, i], state.feet[1, i] = rest.resting[0, i], rest.resting[1, i]
+        step.pose[i] = rest.resting[1 - stance, i]
+    step.foot, step.single, step.double = 1 - stance, command.single, command.double
+    step.clearance = command.clearance
+    p.add_single(table, 1, state.feet, step)
+    state.rows, state.double = 2, command.double
+    leave(table, state)
+    state.knot, state.knot_yaw = time, yaw
+    set_turn(table[0], time, 1.0, yaw, rate, yaw, rate, time)
+    stop = plan_ahead(table, 1, state, command, steps)
+    state.rows = stop + 2
+    c, v = reference.com, reference.com_velocity
+    for i in range(2):
+        foot = table[0].resting[stance, i]
+        pass_through(table[0], 0.0, i, c[i], v[i], foot, omega)
+    shift(table, 0, stop, 0.0, omega, command.minjerk, work)
+    turn(table, state, command, stop + 1, time, work)

@@ -7,7 +7,7 @@ import math
 import numpy as np
 
 from ..compiled import Record, kernel
-from .reference import DOUBLE
+from .reference import DOUBLE, STAND
 
 
 @kernel
@@ -106,3 +106,41 @@ def set_turn(
     piece.turn[1] = (3.0 * mean - 2.0 * rate_0 - rate_1) / length
     piece.turn[2], piece.turn[3] = rate_0, yaw_0
     piece.turn_start, piece.turn_end = start, end
+
+
+@kernel
+def turn(
+    table: np.ndarray,
+    state: Record,
+    command: Record,
+    last: int,
+    time: float,
+    work: np.ndarray,
+) -> None:
+    """Fill the headings anew, from the heading and its rate now on."""
+    piece = table[0]
+    stands = piece.kind == STAND
+    first = work[0]
+    first.knot, first.yaw = state.knot, state.knot_yaw
+    n = collect_knots(table, 2 if stands else 1, last, work)
+    if stands:
+        first.rate = 0.0
+        set_turns(table, 2, last, n, work)
+        table[0].turn_end = table[1].turn_end = work[n - 1].knot
+        return
+    left = work[1].knot - time
+    if left < command.least:
+        work[1].rate = heading_at(piece, work[1].knot)[1]
+    first.knot = time
+    first.yaw, first.rate = heading_at(piece, time)
+    set_turns(table, 0 if left > 1e-6 else 1, last, n, work)
+    piece.turn_end = work[n - 1].knot
+
+
+@kernel
+def heading_at(piece: Record, time: float) -> tuple[float, float]:
+    """Return the heading [rad] of a phase at a time [s], and its rate [rad/s]."""
+    s = max(time - piece.turn_start, 0.0)
+    a, b = piece.turn[0], piece.turn[1]
+    c, d = piece.turn[2], piece.turn[3]
+    return ((a * s + b) * s + c) * s + d, (3.0 * a * s + 2.0 * b) * s + c

@@ -36,7 +36,8 @@ def moved_steps(
             side, yaw = plan.steps[k].side, plan.steps[k].yaw
         else:
             way = np.linalg.norm(feet[row, :, :2] - feet[row - 100, :, :2], axis=1)
-            side, yaw = tuple(Side)[int(np.argmax(way))], plan.steps[-1].yaw
+            last = plan.steps[-1] if plan.steps else plan.left
+            side, yaw = tuple(Side)[int(np.argmax(way))], last.yaw
         x, y = feet[row, tuple(Side).index(side), :2].tolist()
         landings.append((side, Foothold(x, y, yaw)))
     return moved_from(plan, landings)

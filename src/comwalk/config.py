@@ -237,6 +237,8 @@ class DanceConfig(RobotConfig):
     """As `WalkConfig.motion_blend` [s]."""
     force: bool = same_setting(WalkConfig, "force")
     """As `WalkConfig.force`."""
+    adapt: bool = same_setting(WalkConfig, "adapt")
+    """As `WalkConfig.adapt`."""
     half_width: float | None = setting(
         None,
         "Half of the distance between both feet; as in the robot's home posture if "

@@ -282,7 +282,8 @@ def build_dance(config: DanceConfig) -> Setup:
         sole_size=robot.sole_size,
     )
     pattern = make_pattern(plan, _pendulum(config, robot))
-    setup = dataclasses.replace(_setup(config, robot, pattern), force=config.force)
+    told = {"force": config.force, "adapt": config.adapt}
+    setup = dataclasses.replace(_setup(config, robot, pattern), **told)
     return _dancing(setup, config, "")
 
 

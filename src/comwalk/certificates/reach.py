@@ -29,7 +29,7 @@ from ..robot import (
     Skeleton,
 )
 from ..sides import Side
-from ..walking import WholeBody
+from ..walking import STRETCH, WholeBody
 
 SOLE_GAP = 0.01
 """Smallest distance of the soles when they pass, for the paper's robot [m]."""
@@ -135,12 +135,13 @@ def agility_of(robot: Robot) -> Agility:
     can, kinematics = stepping_of(robot), Kinematics(robot)
     kinematics.update(robot.home)
     anchors = _joint_anchors(robot, kinematics, LEGS[Side.LEFT])
-    com, sole = kinematics.com, kinematics.sites(_sites(robot))[0][0]
+    (sole,), _ = kinematics.sites(np.array([robot.feet[Side.LEFT].site]))
+    com = kinematics.com
     hip = (anchors[0] - com) - (anchors[-1] - sole)
     length = _leg_length(robot, kinematics)
     return Agility(
         half=(_USED * 0.5 * robot.sole_size[0], _USED * 0.5 * robot.sole_size[1]),
-        leg=_STRETCHED * length,
+        leg=STRETCH * length,
         tall=float(anchors[0, 2] - anchors[-1, 2]),
         hip=(float(hip[0]), float(hip[1])),
         lowest=_LOWERED * length,
@@ -152,11 +153,7 @@ def agility_of(robot: Robot) -> Agility:
 
 
 _USED = 0.85  # share of the sole that the ZMP may use
-_STRETCHED, _LOWERED = 0.97, 0.15  # shares of a leg's length
-
-
-def _sites(robot: Robot) -> np.ndarray:
-    return np.array([robot.feet[side].site for side in Side])
+_LOWERED = 0.15  # share of a leg's length
 
 
 def adaptive(robot: Robot, pattern: Pattern) -> Walkable:

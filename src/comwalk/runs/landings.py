@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ..pattern import Foothold, FootstepPlan
+from ..pattern import Foothold, FootstepPlan, Phase
 from ..sides import Side
 
 _ROUNDING = 1e-3  # of a saved reference, far away [m]
@@ -27,19 +27,15 @@ def moved_steps(
     Returns:
         The feet and where they landed, world, in order; with those that no plan had.
     """
-    step, feet = columns["step"], columns["feet_ref"]
+    step, feet, phase = (columns[name] for name in ("step", "feet_ref", "phase"))
     rows = np.flatnonzero(np.diff(step) > 0) + 1
     landings = []
     for row in rows.tolist():
-        k = int(step[row]) - 1
-        if k < len(plan.steps):
-            side, yaw = plan.steps[k].side, plan.steps[k].yaw
-        else:
-            way = np.linalg.norm(feet[row, :, :2] - feet[row - 100, :, :2], axis=1)
-            last = plan.steps[-1] if plan.steps else plan.left
-            side, yaw = tuple(Side)[int(np.argmax(way))], last.yaw
-        x, y = feet[row, tuple(Side).index(side), :2].tolist()
-        landings.append((side, Foothold(x, y, yaw)))
+        known = (plan.left, *plan.steps)
+        yaw = known[min(int(step[row]), len(plan.steps))].yaw
+        swung = 1 if phase[row - 1] == Phase.SINGLE_LEFT else 0
+        x, y = feet[row, swung, :2].tolist()
+        landings.append((tuple(Side)[swung], Foothold(x, y, yaw)))
     return moved_from(plan, landings)
 
 

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from .mujoco_scene import FLOOR as FLOOR
     from .mujoco_scene import TERRAIN_BIT as TERRAIN_BIT
     from .mujoco_scene import build_scene as build_scene
+    from .records import STRETCH as STRETCH
     from .whole_body import WholeBody as WholeBody
     from .whole_body import WholeBodyTicker as WholeBodyTicker
 

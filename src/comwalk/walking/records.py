@@ -25,8 +25,8 @@ from ..sides import Side
 BY_TORQUES, NOT_FELT = (GROUND_SENSORS.index(word) for word in ("torque", "none"))
 """Numbers of `GROUND_SENSORS` in `RULES`."""
 
-REACH = 0.97
-"""Share of a leg's whole length that a swing foot may be away from its hip [-]."""
+STRETCH = 0.97
+"""Share of a leg's whole length that a foot may be away from its hip [-]."""
 
 RULES = np.dtype(
     [
@@ -119,7 +119,7 @@ STATE = np.dtype(
         ("shifted", "f8"),  # by how much the ZMP asked for was moved into the sole [m]
         ("slid", "f8"),  # force beyond the friction [N]
         ("weak", "i8"),  # joints at their torque limits
-        ("spared", "i8"),  # whether a foot gave way, so that the CoM need not
+        ("spared", "i8"),  # 1 if a foot gave way; 2 if its leg was singular
         ("limited", "i8"),  # joints of its leg that are held at their limits
         ("lost", "f8"),  # largest acceleration that they miss [rad/s^2]
     ],
@@ -241,7 +241,7 @@ def _leg_of(robot: Robot, side: Side) -> tuple[int, np.ndarray, float]:
     skeleton = Skeleton(robot.model, kinematics.data, robot.name)
     (sole,), (R,) = kinematics.sites(np.array([robot.feet[side].site]))
     ankle = (skeleton.anchors(joints)[-1] - sole) @ R
-    return skeleton.hip(joints), ankle, REACH * skeleton.leg_length(joints)
+    return skeleton.hip(joints), ankle, STRETCH * skeleton.leg_length(joints)
 
 
 def joints_of(robot: Robot, settings: BodySettings) -> np.ndarray:

@@ -260,7 +260,7 @@ def _spare_a_foot(handle: np.ndarray, a: np.ndarray, solved: bool) -> bool:
     if state.landed[0] == state.landed[1]:
         k = 0 if _stretched(flat, rules, 0) > _stretched(flat, rules, 1) else 1
     limb = flat.limbs[k]
-    rows = limb.rows
+    rows, state.spared = limb.rows, 1 if solved else 2
     if not solved:
         limb.rows = 7
         solved = resolve(flat, wanted, a) == SOLVED
@@ -274,5 +274,5 @@ def _spare_a_foot(handle: np.ndarray, a: np.ndarray, solved: bool) -> bool:
             state.lost = max(state.lost, lost)
         limb.rows = 0
         solved = resolve(flat, wanted, a) == SOLVED
-    limb.rows, state.spared = rows, 1
+    limb.rows = rows
     return solved and keeps_limits(rules, joints, q, v, a)

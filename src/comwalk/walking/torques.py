@@ -384,7 +384,14 @@ def _aim_foot(
 def zmp_of_motion(
     flat: Flat, state: Record, reference: Record, t: np.ndarray
 ) -> tuple[float, float]:
-    """Return the ZMP that a motion asks for, x and y [m], world."""
+    """Return the ZMP that a motion asks for, with the load, x and y [m], world.
+
+    Args:
+        flat: The robot, placed.
+        state: The share of its feet, and the load that it was weighed with.
+        reference: The reference.
+        t: Generalised forces of the motion, `dynamics.load_links`.
+    """
     p, share = flat.links[0].p, state.share
     ground = share * site_point(flat, flat.limbs[0].site)[2]
     ground += (1.0 - share) * site_point(flat, flat.limbs[1].site)[2]
@@ -413,16 +420,9 @@ def bear_on_soles(
         t: Generalised forces of the motion, `dynamics.load_links`.
         joints: Where the torques go.
     """
-    p, share = flat.links[0].p, state.share
-    ground = share * site_point(flat, flat.limbs[0].site)[2]
-    ground += (1.0 - share) * site_point(flat, flat.limbs[1].site)[2]
-    ratio = state.mass_ratio
+    p, ratio = flat.links[0].p, state.mass_ratio
     f_x, f_y, f_z = ratio * t[0], ratio * t[1], max(ratio * t[2], 1.0)
-    c, s, lean = math.cos(reference.heading), math.sin(reference.heading), state.lean
-    # Moments about the point of the ground below the body center, and of the load.
-    m_x = ratio * t[3] - (p[2] - ground) * f_y + (s * lean[0] + c * lean[1]) * f_z
-    m_y = ratio * t[4] + (p[2] - ground) * f_x - (c * lean[0] - s * lean[1]) * f_z
-    zmp_x, zmp_y = p[0] - m_y / f_z, p[1] + m_x / f_z
+    zmp_x, zmp_y = zmp_of_motion(flat, state, reference, t)
     _follow_stray(rules, state, zmp_x, zmp_y)
     x, y, share, r_x, r_y = hold_in_soles(flat, rules, reference, zmp_x, zmp_y)
     state.shifted = max(state.shifted, math.hypot(x - zmp_x, y - zmp_y))

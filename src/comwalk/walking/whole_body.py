@@ -352,7 +352,8 @@ class WholeBody:
         resolution, state = self.resolution, self.arrays.state[0]
         if resolution is None and state["spared"]:
             limited, lost = float(state["limited"]), float(state["lost"])
-            return {"damped": 0.0, "limited": limited, "loss": lost}
+            damped = float(state["spared"] == 2)
+            return {"damped": damped, "limited": limited, "loss": lost}
         if resolution is None or not (resolution.damped or resolution.limited):
             return {"damped": 0.0, "limited": 0.0, "loss": 0.0}
         return {

@@ -13,12 +13,13 @@ import itertools
 import math
 import statistics
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from page_tables import Rows, tell
 
 from comwalk.certificates import agility_of, stepping_of
 from comwalk.config import DanceConfig, WalkConfig
@@ -34,7 +35,6 @@ PD = (100.0, 40.0, 2.0)
 REAL = {"noise": 1.0, "latency": 0.002, "command_delay": 0.002, "joint_friction": 0.5}
 SHARES = (0.1, 0.35, 0.6, 0.85)
 WAYS = {"forward": (1, 0), "back": (-1, 0), "inward": (0, -1), "outward": (0, 1)}
-Rows = Iterator[tuple[str, ...]]
 
 
 @cache
@@ -294,25 +294,5 @@ TABLES: dict[str, Callable[[], Rows]] = {
 }
 
 
-def table_of(rows: Rows) -> str:
-    """Return rows as a table, the first one its head."""
-    lines = [f"| {' | '.join(row)} |" for row in rows]
-    rule = "|" + "---|" * (lines[0].count(" | ") + 1)
-    return "\n".join([lines[0], rule, *lines[1:]])
-
-
-def main(words: list[str]) -> None:
-    """Print or write the tables that are named, or all."""
-    for name in [word for word in words if word in TABLES] or list(TABLES):
-        table = table_of(TABLES[name]())
-        print(f"\n## {name}\n\n{table}", flush=True)
-        if "--write" in words:
-            text, mark = PAGE.read_text(encoding="utf-8"), f"<!-- {name} -->\n"
-            before, rest = text.split(mark)
-            after = rest.split(f"<!-- /{name} -->")[1]
-            text = f"{before}{mark}{table}\n<!-- /{name} -->{after}"
-            PAGE.write_text(text, encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    tell(sys.argv[1:], TABLES, PAGE)

@@ -12,11 +12,12 @@ import dataclasses
 import math
 import sys
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from page_tables import Rows, tell
 
 from comwalk.config import DanceConfig, WalkConfig
 from comwalk.control import BodySettings, Push, SimulatorSettings
@@ -30,7 +31,6 @@ PAGE = Path(__file__).parent.parent / "docs" / "torque.md"
 ROBOTS = ("g1", "mjlab_g1", "talos", "jvrc1", "paper", "icub", "romeo")
 PD = {"pd": (100.0, 40.0, 2.0)}
 REAL = {"noise": 1.0, "latency": 0.002, "command_delay": 0.002, "joint_friction": 0.5}
-Rows = Iterator[tuple[Any, ...]]
 
 
 def walk(setup: Setup, **physics: Any) -> Run:
@@ -303,26 +303,5 @@ TABLES: dict[str, Callable[[], Rows]] = {
 }
 
 
-def table_of(rows: Rows) -> str:
-    """Return rows as a table, the first one its head."""
-    lines = [f"| {' | '.join(row)} |" for row in rows]
-    rule = "|" + "---|" * (lines[0].count(" | ") + 1)
-    return "\n".join([lines[0], rule, *lines[1:]])
-
-
-def main(words: list[str]) -> None:
-    """Print or write the tables that are named, or all."""
-    named = [word for word in words if word in TABLES] or list(TABLES)
-    for name in named:
-        table = table_of(TABLES[name]())
-        print(f"\n## {name}\n\n{table}", flush=True)
-        if "--write" in words:
-            text, mark = PAGE.read_text(encoding="utf-8"), f"<!-- {name} -->\n"
-            before, rest = text.split(mark)
-            after = rest.split(f"<!-- /{name} -->")[1]
-            text = f"{before}{mark}{table}\n<!-- /{name} -->{after}"
-            PAGE.write_text(text, encoding="utf-8")
-
-
 if __name__ == "__main__":
-    main(sys.argv[1:])
+    tell(sys.argv[1:], TABLES, PAGE)

@@ -9,7 +9,7 @@ import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -65,7 +65,6 @@ from .walking import (
     MujocoLink,
     SimulatedRobot,
     WholeBody,
-    WholeBodyTicker,
     take_log,
 )
 
@@ -391,11 +390,8 @@ def _walked(
     link: Callable[[Any], Link] | None = None
     with recorder:
         if isinstance(plant, SimulatedRobot):
-            spare = getattr(walked, "spare", 0.0)
-            take_log(log, plant, pattern.duration + spare)
-
-            def link(ticker: WholeBodyTicker) -> MujocoLink:
-                return MujocoLink(plant, ticker, log, progress)
+            take_log(log, plant, pattern.duration + getattr(walked, "spare", 0.0))
+            link = partial(MujocoLink, plant, log=log, progress=progress)
 
         begin = time.perf_counter()
         outcome = walk(
@@ -424,6 +420,7 @@ def _recording(log: Log, progress: Progress | None) -> Callable[[Tick], None]:
     """Return the callback that logs a tick where the plant keeps no log itself."""
 
     def record(tick: Tick) -> None:
+        """Log a tick, and tell the time now and then."""
         log.record(tick)
         if progress is not None and len(log) % PROGRESS_ROWS == 0:
             progress(tick.reference.time)

@@ -451,6 +451,7 @@ def _with_angles(model: mujoco.MjModel, q: np.ndarray, profile: Profile) -> np.n
     q, sites = q.copy(), [model.site(f"{s.value[0]}_sole").id for s in Side]
 
     def lowest() -> float:
+        """Return the height of the lower sole [m]."""
         data.qpos[:] = q
         mujoco.mj_kinematics(model, data)
         return float(data.site_xpos[sites, 2].min())

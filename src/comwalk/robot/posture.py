@@ -182,6 +182,7 @@ class _Seeker:
         outwards = np.array([1.0, side.sign, 1.0])
 
         def miss(angles: np.ndarray) -> np.ndarray:
+            """Return how far an arm with some angles [rad] is from hanging."""
             self.q[places] = angles
             self._update()
             shoulder, bend = self.data.xanchor[[first, elbow]]

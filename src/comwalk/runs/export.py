@@ -82,6 +82,7 @@ def export_parquet(run: Path, folder: Path) -> list[Path]:
         raise RunError("Parquet needs: pip install 'comwalk[parquet]'") from None
 
     def write(file: Path, table: Table) -> None:
+        """Write one table into a file."""
         columns = {n: np.ascontiguousarray(c) for n, c in table.items()}
         target = str(file).replace("'", "''")
         to = f"COPY columns TO '{target}' (FORMAT parquet, COMPRESSION zstd)"

@@ -125,6 +125,7 @@ def _points(topic: str, column: str) -> Stream:
     layout = layout_of("geometry_msgs/PointStamped", {"header": _header(WORLD)})
 
     def values(rows: Columns) -> dict[str, np.ndarray]:
+        """Return the fields of the messages of some rows."""
         points = np.zeros((len(rows[column]), 3))
         points[:, : rows[column].shape[1]] = rows[column]
         return {"point": points}
@@ -167,6 +168,7 @@ def _wrench(robot: Robot, side: Side) -> Stream:
     arm, R = (sensor - sole) @ R_sole, R_sole.T @ R_sensor
 
     def values(rows: Columns) -> dict[str, np.ndarray]:
+        """Return the fields of the messages of some rows."""
         felt = rows["wrenches"][:, k]
         force, torque = felt[:, :3] @ R.T, felt[:, 3:] @ R.T
         return {"wrench.force": force, "wrench.torque": torque + np.cross(arm, force)}
@@ -200,6 +202,7 @@ def _transforms(robot: Robot) -> Stream:
     example = {"transforms": [_transform(*pair) for pair in pairs]}
 
     def values(rows: Columns) -> dict[str, np.ndarray]:
+        """Return the fields of the messages of some rows."""
         n = len(rows["qpos"])
         points, turns = np.empty((n, model.nbody, 3)), np.empty((n, model.nbody, 4))
         for k, configuration in enumerate(rows["qpos"]):

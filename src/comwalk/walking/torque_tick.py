@@ -99,12 +99,16 @@ def act_by_torque(handle: np.ndarray) -> int:
         return HANDED_OVER
     joints = records_at(handle, AT_JOINTS, JOINT)
     solved = resolve(flat_at(handle), wanted_at(handle)[0], a) == SOLVED
-    if solved:
-        _give_way(handle, a)
+    loaded = solved and _give_way(handle, a)
     if not (solved and keeps_limits(rules, joints, q, v, a)):
+        if loaded:
+            _unload(handle, a)
+        loaded = False
         if not _spare_a_foot(handle, a, solved):
             return HANDED_OVER
-    exert(handle)
+    if not loaded:
+        _load(handle, a)
+    _bear(handle)
     return WALKS
 
 
@@ -134,6 +138,33 @@ def _want_motion(handle: np.ndarray) -> None:
 @kernel
 def exert(handle: np.ndarray) -> None:
     """Write the torques of the accelerations that were resolved, and set-points."""
+    v = floats_at(handle, AT_V)
+    _load(handle, floats_at(handle, AT_ACCELERATION)[: len(v)])
+    _bear(handle)
+
+
+@kernel
+def _load(handle: np.ndarray, a: np.ndarray) -> None:
+    """Accelerate the links, and find the generalised forces of that."""
+    flat, bodies = flat_at(handle), records_at(handle, AT_BODIES, BODY)
+    t = floats_at(handle, AT_ACCELERATION)[len(a) :]
+    accelerate_links(flat, bodies, a)
+    load_links(flat, bodies, a, records_at(handle, AT_RULES, RULES)[0].gravity, t)
+
+
+@kernel
+def _unload(handle: np.ndarray, a: np.ndarray) -> None:
+    """Take the accelerations from the links again."""
+    for j in range(len(a)):
+        a[j] = -a[j]
+    accelerate_links(flat_at(handle), records_at(handle, AT_BODIES, BODY), a)
+    for j in range(len(a)):
+        a[j] = -a[j]
+
+
+@kernel
+def _bear(handle: np.ndarray) -> None:
+    """Write torques and set-points of accelerations whose forces are found."""
     flat, bodies = flat_at(handle), records_at(handle, AT_BODIES, BODY)
     rules = records_at(handle, AT_RULES, RULES)[0]
     state = records_at(handle, AT_STATE, STATE)[0]
@@ -141,8 +172,6 @@ def exert(handle: np.ndarray) -> None:
     q, v = floats_at(handle, AT_Q), floats_at(handle, AT_V)
     both = floats_at(handle, AT_ACCELERATION)
     a, t = both[: len(v)], both[len(v) :]
-    accelerate_links(flat, bodies, a)
-    load_links(flat, bodies, a, rules.gravity, t)
     reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
     bear_on_soles(flat, rules, state, reference, t, joints)
     aim_joints(
@@ -168,26 +197,25 @@ def exert(handle: np.ndarray) -> None:
 
 
 @kernel
-def _zmp_of(handle: np.ndarray, a: np.ndarray) -> tuple[float, float]:
-    """Return the ZMP that accelerations ask for, x and y [m], world."""
-    flat, bodies = flat_at(handle), records_at(handle, AT_BODIES, BODY)
-    t = floats_at(handle, AT_ACCELERATION)[len(a) :]
-    accelerate_links(flat, bodies, a)
-    gravity = records_at(handle, AT_RULES, RULES)[0].gravity
-    load_links(flat, bodies, a, gravity, t)
+def _loaded_zmp(handle: np.ndarray, a: np.ndarray) -> tuple[float, float]:
+    """Return the ZMP that accelerations ask for, x and y [m], world; they stay."""
+    _load(handle, a)
     state = records_at(handle, AT_STATE, STATE)[0]
     reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
-    zmp = zmp_of_motion(flat, state, reference, t)
-    for j in range(len(a)):
-        a[j] = -a[j]
-    accelerate_links(flat, bodies, a)  # they are as they were
-    for j in range(len(a)):
-        a[j] = -a[j]
+    t = floats_at(handle, AT_ACCELERATION)[len(a) :]
+    return zmp_of_motion(flat_at(handle), state, reference, t)
+
+
+@kernel
+def _zmp_of(handle: np.ndarray, a: np.ndarray) -> tuple[float, float]:
+    """Return the ZMP that accelerations ask for; the links are as they were."""
+    zmp = _loaded_zmp(handle, a)
+    _unload(handle, a)
     return zmp
 
 
 @kernel
-def _give_way(handle: np.ndarray, a: np.ndarray) -> None:
+def _give_way(handle: np.ndarray, a: np.ndarray) -> bool:
     """Let the trunk turn as the soles make it, where they cannot bear what is asked.
 
     Its pitch and its roll move the ZMP linearly: both are tried, and what brings it to
@@ -197,15 +225,19 @@ def _give_way(handle: np.ndarray, a: np.ndarray) -> None:
     Args:
         handle: Of `Arrays`.
         a: What was resolved, and is then.
+
+    Returns:
+        Whether the links have these accelerations already: if nothing had to change.
     """
     rules = records_at(handle, AT_RULES, RULES)[0]
     reference = records_at(handle, AT_REFERENCE, REFERENCE)[0]
     flat, wanted = flat_at(handle), wanted_at(handle)[0]
-    x, y = _zmp_of(handle, a)
+    x, y = _loaded_zmp(handle, a)
     p_x, p_y, _, _, _ = hold_in_soles(flat, rules, reference, x, y)
     p_x, p_y = p_x - x, p_y - y
     if math.hypot(p_x, p_y) < BEARABLE:
-        return
+        return True
+    _unload(handle, a)
     roll, pitch = wanted.trunk[0], wanted.trunk[1]
     wanted.trunk[0] = roll + 1.0
     resolve(flat, wanted, a)
@@ -221,6 +253,7 @@ def _give_way(handle: np.ndarray, a: np.ndarray) -> None:
     wanted.trunk[0] = roll + min(max(u, -SHARPEST), SHARPEST)
     wanted.trunk[1] = pitch + min(max(v, -SHARPEST), SHARPEST)
     resolve(flat, wanted, a)
+    return False
 
 
 # ---- A foot gives way ----------------------------------------------------------------
